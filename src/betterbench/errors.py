@@ -68,7 +68,7 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return the place in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
+    """Return the location in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
     The result is the innermost place outside betterbench, the standard library and installed packages. The file is
     named without its folder, so the record of an error does not depend on the folder.

@@ -35,7 +35,7 @@ from betterbench.vqa.knowing import read_knowledge
 logger = logging.getLogger(__name__)
 
 THUMBNAIL_PX = 200
-"""Side of the images on the cards of variations [px]."""
+"""Image size on the variation cards [px]."""
 
 FILMS = 40
 """Default maximum number of trials shown as films."""

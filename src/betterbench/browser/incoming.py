@@ -20,7 +20,7 @@ LARGEST = 1e6
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
-"""Type of the value of a panel element."""
+"""Type of a panel element's value."""
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _Vector = Annotated[list[_Number], Field(min_length=3, max_length=3)]

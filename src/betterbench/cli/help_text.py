@@ -23,7 +23,7 @@ WIDEST = 100
 """Longest line of a description [characters]."""
 
 INDENT = "  "
-"""Indent of the later lines of a paragraph; tyro joins lines that begin with a letter."""
+"""Indentation of a paragraph's later lines; tyro joins lines that begin with a letter."""
 
 
 def description_of(function: object) -> str:

@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
-"""Version of the file; it increases when an older reader would misinterpret a newer file."""
+"""Version of the file format; it increases when an older reader would misinterpret a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
 _CURE = "Give the folder of a run, or a file written by better export"

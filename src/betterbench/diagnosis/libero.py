@@ -70,7 +70,7 @@ PLUS_NOTE = (
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
 BASE = "base"
-"""Name of the only training condition of a task."""
+"""Name of a task's only training condition."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,11 +74,12 @@ RETREAT = threshold("retreat", 0.15, "m",
     "Distance that an open gripper must move away from its position over an object before coming back is a return.",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
-    "Number of times that an open gripper must come over the right object, leaving it in between, to count as moving "
-    "to and fro. None of 645 honest trials of the independent family had even two before the first grasp.",
+    "Number of times that an open gripper must come over the right object, leaving it in between, for the motion to "
+    "count as moving to and fro. None of 645 honest trials of the independent family had even two before the first "
+    "grasp.",
     "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
 COMES_DOWN = threshold("comes_down", 0.035, "m",
-    "Maximum height above the base of a flat object at which a gripper has come down to it. Plates, slices and "
+    "Maximum height above a flat object's base at which a gripper has come down to the object. Plates, slices and "
     "cutlery are lower than the fingers, so the tool center point is above their top during a grasp.",
     "Larger: the gripper has come down to flat objects earlier; more timeout for grippers that do not close, fewer "
     "phase_conflict.")

@@ -17,10 +17,10 @@ from typing import Any, Protocol
 import numpy as np
 
 MAX_HEAD_BYTES = 16 << 20
-"""Maximum size of the JSON of a frame [byte]."""
+"""Maximum size of a frame's JSON [byte]."""
 
 MAX_ARRAY_BYTES = 256 << 20
-"""Maximum total size of the arrays of a frame [byte]."""
+"""Maximum total size of a frame's arrays [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
 """Frame head: sizes of the document, of the array forms and of the arrays [byte], and the frame number."""

@@ -244,7 +244,7 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be moved to its path, in addition to its predecessor."""
+        """List a file that is about to be moved into place, and keep the entry of the file that it replaces."""
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
             return

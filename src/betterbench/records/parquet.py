@@ -23,14 +23,14 @@ from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata
 from betterbench.records.record import Record
 
 METADATA_KEY = b"betterbench"
-"""Key of the JSON document in the metadata of the Parquet schema."""
+"""Key for the JSON document in the Parquet schema metadata."""
 
 SEAL_KEY = b"betterbench.sha256"
 """Key for the SHA-256 of the complete file, computed with the digest itself set to zeros."""
 
 COMPRESSION_LEVEL = 1
 """Level of zstd. Its default, 3, saves less than 1 % of an episode and takes a fifth longer; level 9 takes more than
-twice as long. Byte stream split of the arm's floats made 17 of 18 episodes larger, by 4 % in the median."""
+twice as long. Byte stream split for the arm's floats made 17 of 18 episodes larger, by 4 % in the median."""
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""

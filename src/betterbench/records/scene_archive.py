@@ -28,7 +28,7 @@ MAX_SCENE_FILES = 10_000
 """Largest number of files of a stored scene."""
 
 _LEVEL = 3
-"""Compression level: half of the time of zlib's usual 6 (60 to 100 ms) for archives that are 5 % larger."""
+"""Compression level: takes half the time of zlib's usual 6 (60 to 100 ms) and makes archives 5 % larger."""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20

@@ -9,7 +9,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics import special
 
 IntervalMethod = Literal["wilson", "clopper_pearson"]
-"""Method of the interval of a rate."""
+"""Method used for a rate's interval."""
 
 DEFAULT_CONFIDENCE = 0.95
 """Default two-sided confidence level of all intervals."""

@@ -26,7 +26,7 @@ FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
 """Time from the first steps to the first estimate, and between the first two log lines without any step [s]."""
 
 LOG_EVERY_S = 60.0
-"""Interval of the progress lines where there is no terminal to draw a bar on [s]."""
+"""Interval between progress lines if there is no terminal to draw a bar on [s]."""
 
 
 @dataclass(frozen=True, slots=True)

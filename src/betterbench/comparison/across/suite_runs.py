@@ -17,7 +17,7 @@ from betterbench.tasks.worlds.facts import OUR_SUITE
 from betterbench.tasks.worlds.libero import PLUS_SUITES
 
 OURS = OUR_SUITE
-"""Name of the suite of a run in betterbench's own scenes."""
+"""Suite name for a run in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
 """Task and seed, the number of the initial state. Twins and policies share it.

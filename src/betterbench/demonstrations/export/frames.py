@@ -17,7 +17,7 @@ from betterbench.records import Record, subgoal_segments
 from betterbench.tasks.interventions import resolve_condition
 
 DONE = "done"
-"""Name of the subgoal of frames after the last subgoal is met."""
+"""Subgoal name for frames after the last subgoal is met."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

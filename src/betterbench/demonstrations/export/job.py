@@ -47,7 +47,7 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of the content of an export, changed when the same records give other frames."""
+"""Version of an export's content, changed when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
 """File of a data set that describes its origin."""

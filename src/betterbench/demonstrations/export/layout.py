@@ -25,7 +25,7 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets in the order of the search for one with all cameras of a layout."""
+"""Observation presets, in the order in which they are searched for one with all of a layout's cameras."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
 """Columns in a trainer's configuration that the policy does not use; they repeat another column.

@@ -41,7 +41,7 @@ from betterbench.records import Record
 ImageForm = Literal["video", "png"]
 
 PNG_LEVEL = 3
-"""Level of the lossless compression of images, 0 to 9."""
+"""Level of lossless image compression, 0 to 9."""
 
 _INDEX, _NUMBERS = "part.json", "numbers.parquet"
 _SUBGOAL = "subgoal"

@@ -22,7 +22,7 @@ from betterbench.tasks.relations.placing import foot_offset
 SAME_GRASP_M = 0.04
 """Maximum distance of a grasp from an annotated grasp to be identified with it [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance of a release from a goal of the expert to be identified with it [m]."""
+"""Maximum distance between a release and an expert goal for the two to be identified [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
 """Minimum distance between different goals [m], and maximum number of goals."""
 MOVING_M = 0.001

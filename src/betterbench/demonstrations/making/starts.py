@@ -36,7 +36,7 @@ MOST_STARTS = 10_000
 """Maximum number of starts per training condition: their blocks end before the spare seeds begin."""
 
 Levels = Mapping[str, int]
-"""Level of each factor of a start, by its name."""
+"""Level of each factor of a start, by factor name."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ STATE = (
     "finger_width_m",
     *(f"joint_{i}_rad" for i in range(1, 8)),
 )
-"""Names of the components of the state, in order."""
+"""Names of the state components, in order."""
 
 
 @dataclass(frozen=True, slots=True)

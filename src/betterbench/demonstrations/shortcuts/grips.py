@@ -24,7 +24,7 @@ IDLE_SHARE = 0.1
 arm.
 """
 _BETWEEN = 0.1
-"""Share of the frames in the middle third of a range below which a gripper is in two positions, not at rest."""
+"""Fraction of frames in the middle third of a range below which a gripper is in two positions, not at rest."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]

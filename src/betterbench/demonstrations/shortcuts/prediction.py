@@ -56,7 +56,7 @@ WEIGHTS = {
 """Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules about two
 words or complete instructions have the same weight as rules about single words.
 
-A rule about the word or object of a pick costs the whole trial; a rule about bystanders rarely matters."""
+A rule about the word or object of a pick costs the complete trial; a rule about bystanders rarely matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE

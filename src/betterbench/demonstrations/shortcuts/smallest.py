@@ -122,7 +122,7 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data with a planted rule: the counts of a question, with its outcomes arranged so that a rule is true.
+    """Data with a planted rule: a question's counts, with the outcomes arranged so that the rule holds.
 
     Attributes:
         y: (n,) outcome of each observation.

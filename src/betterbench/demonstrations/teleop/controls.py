@@ -46,7 +46,7 @@ KEYS: dict[str, tuple[int, float]] = {
 """Component and sign of each motion key: forward, left, up, roll, pitch and yaw, seen from the viewer."""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 GAMEPAD_TAPS: dict[int, Tap] = {0: "gripper", 1: "undo", 9: "save"}
-"""Actions of the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
+"""Actions triggered by the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
 SLOW = 0.25
 """Speed factor while Shift is held."""
 

@@ -24,7 +24,7 @@ from betterbench.quoting import markup_text
 
 GIZMO = "/tool"
 GIZMO_M = 0.20
-"""Length of the arrows of the gizmo [m]."""
+"""Length of the gizmo's arrows [m]."""
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 """Initial position and target of the view [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300

@@ -51,7 +51,7 @@ from betterbench.evaluation.integrations.vla_eval_specs import action_specs, obs
 logger = logging.getLogger(__name__)
 
 ADDRESS = "vla-eval:"
-"""Prefix of the policy's name in records and reports of harness runs."""
+"""Prefix for the policy name in records and reports of harness runs."""
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information

@@ -23,7 +23,7 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Maximum trials per variation; 1.2 million trials in the whole suite, which take weeks."""
+"""Maximum number of trials per variation; 1.2 million trials in the full suite, which take weeks."""
 
 MAX_SEED = 2**31 - 1
 """Largest first seed: clients and servers of other protocols store it in 32 bits."""

@@ -84,7 +84,7 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
 
 
 RunPart = Literal["policy", "simulation", "rendering", "wire"]
-"""Parts of the duration of a run."""
+"""Parts of a run's duration."""
 
 WAITED = 0.2
 """Share of the workers' time spent waiting, above which the policy is the bottleneck."""

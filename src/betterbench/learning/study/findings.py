@@ -39,9 +39,9 @@ from betterbench.tasks.interventions import resolve_condition
 SOLVED = 0.5
 """Success rate above which a variation is solved, if the interval excludes this rate."""
 DROPPED = 0.5
-"""Share of the success in training below which a variation is failed in the score of the prediction."""
+"""Training success below which a variation counts as failed in the prediction's score."""
 CONTRAST = "balanced against confounded"
-"""Name of the contrasts of a page."""
+"""Names of a page's contrasts."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
 """Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number
 of shown conditions; the arms in the second differ in whether each word is tied to its place.

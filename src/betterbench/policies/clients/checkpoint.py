@@ -32,7 +32,7 @@ _WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""Policy types that answer a whole chunk from a single observation. All others keep a memory of observations."""
+"""Policy types that answer a complete chunk from a single observation. All others keep a memory of observations."""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
 """Policy types that start from noise. betterbench passes the noise, so an answer does not depend on its batch."""

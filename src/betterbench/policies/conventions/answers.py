@@ -64,7 +64,7 @@ _OPENS_POSITIVE = frozenset(name for name in WORLD_ACTION_SPACES if name.startsw
 """Action spaces in which a positive gripper opens."""
 
 _ADDS_ANGLES = ("calvin_relative", "calvin_delta")
-"""Action spaces whose rotations are angles added to those of the last pose."""
+"""Action spaces whose rotations are angles added to the angles of the last pose."""
 
 _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_relative": "rpy",
@@ -82,7 +82,7 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
     "rotation": ("rotation_x", "rotation_y", "rotation_z"),
 }
-"""Kinds that may come axis by axis."""
+"""Kinds that may be given axis by axis."""
 
 
 @strict_form

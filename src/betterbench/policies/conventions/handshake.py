@@ -20,7 +20,7 @@ FrameT = TypeVar("FrameT", bytes, bytes | str)
 DeclaredT = TypeVar("DeclaredT")
 
 PROTOCOL = 1
-"""Version of the declaration of betterbench's servers."""
+"""Version of the declaration that betterbench servers make."""
 
 _MOST_SHOWN = 12
 """Maximum number of differences named in one message."""

@@ -20,10 +20,10 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.answers import Polarity
 
 MEASURED_TRANSLATION_M = 0.0125
-"""Measured translation of the end effector per action unit in one control step of LIBERO [m]."""
+"""Measured end-effector translation per action unit in one LIBERO control step [m]."""
 
 MEASURED_ROTATION_RAD = 0.1
-"""Measured rotation of the end effector per action unit in one control step of LIBERO [rad]."""
+"""Measured end-effector rotation per action unit in one LIBERO control step [rad]."""
 
 TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
 """LIBERO's tool point in our tool frame, whose z axis points from the hand to the fingertips [m]."""

@@ -111,7 +111,7 @@ robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper positi
 the client thresholds at 0.5. The actions are executed as velocities: at our 20 Hz one unit is a step of 0.15 rad.
 ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds are reduced
 and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded angles.
-DROID's exterior camera stands to the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
+DROID's exterior camera is at the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
 droid`` renders; ``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client
 executes 8 actions of a chunk.
 """
@@ -383,7 +383,7 @@ LEROBOT = Adapter(
 )
 """LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
 
-The state equals that of betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+The state equals the state in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (

@@ -44,7 +44,7 @@ COMFORT_RAD = 0.3
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason for rejecting a path that would need another posture of the arm."""
+"""Reason for rejecting a path that would need another arm posture."""
 LIFT_M = 0.08
 """Length of the straight approach and retreat [m]."""
 

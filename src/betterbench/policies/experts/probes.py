@@ -26,7 +26,7 @@ _KEPT = 256
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
 
 OTHER_DEMONSTRATIONS = 500_000
-"""Offset of the seed for another demonstration of the same trial."""
+"""Seed offset for another demonstration of the same trial."""
 
 
 class OpenLoop:

@@ -28,7 +28,7 @@ _LONGEST_PERIOD = 100.0
 
 
 _Memory = tuple[Tensor, Tensor]
-"""Keys and values of the tokens of a layer."""
+"""Keys and values of one layer's tokens."""
 
 
 @dataclass(slots=True, kw_only=True)

@@ -36,7 +36,7 @@ from betterbench.records.modalities.header import HEADER, ViewHeader
 from betterbench.records.parquet import NO_DIGEST, SEAL_KEY, seal
 
 HEADER_KEY = b"betterbench.modalities"
-"""Key of the header's JSON in the metadata of the Parquet schema."""
+"""Key for the header's JSON in the Parquet schema metadata."""
 
 GROUPS_KEY = b"betterbench.groups"
 """Key of a JSON list with the end of each row group [byte] and the SHA-256 of its bytes."""

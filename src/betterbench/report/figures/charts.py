@@ -22,7 +22,7 @@ HOLM_NOTE = (
     " An interval may exclude zero although p is large: the interval is for this row only, while p is exact for few "
     "pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
 )
-"""Note of the chart of gaps for rows where an interval and its p-value seem to contradict each other."""
+"""Note below the gap chart for rows in which an interval and its p-value seem to contradict each other."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
 TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."

@@ -13,7 +13,7 @@ from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
 
 GRID = 0.25
-"""Spacing of the grid lines of a chart, as a fraction."""
+"""Spacing of a chart's grid lines, as a fraction."""
 
 WIDE_PX = 660
 NARROW_PX = 340

@@ -25,7 +25,7 @@ _SPOKEN = (
 _CONDITIONS = ("by", "nc", "sa", "nd")
 _FREE = re.compile(r"(apache|mit|bsd|isc|zlib|odc by|public domain|unlicense)\b.*")
 LONGEST_LICENSE = 80
-"""Maximum length of the name of a license."""
+"""Maximum length of a license name."""
 
 
 def _plain(text: str) -> str:

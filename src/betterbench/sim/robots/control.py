@@ -140,7 +140,7 @@ class ArmController:
 
     @property
     def commanded_pose(self) -> Pose:
-        """Pose ``T_base_tcp`` that is the current goal of the arm."""
+        """The arm's current goal pose, ``T_base_tcp``."""
         return self._pose
 
     @property

@@ -21,7 +21,7 @@ _BORDER_WEIGHT = 30.0
 """Weight of a border's planes relative to the faces', which lets a border move along itself rather than across."""
 
 _LEAST_COSINE = 0.35
-"""Cosine of the largest rotation of a triangle by one collapse, about 70 degrees."""
+"""Cosine of the largest triangle rotation caused by one collapse, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
 """Minimum shape quality of a triangle: its area divided by the area of an equilateral triangle with its longest side.

@@ -14,7 +14,7 @@ TOOL_BODY = "tool"
 """Body whose frame is the tool center point frame; its orientation (``body_quat``) may be set before a trial."""
 
 PREFIX = "robot_"
-"""Prefix of the names of the robot's own bodies, geoms, joints and actuators."""
+"""Prefix for the names of the robot's own bodies, geoms, joints and actuators."""
 
 _STIFFNESS = 20_000.0
 """Position gain of a slide [N/m]: 1 kg sags by half a millimeter, less than an arm under gravity compensation."""

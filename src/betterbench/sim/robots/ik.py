@@ -51,7 +51,7 @@ damped.
 _STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
 
 REACH_DAMPING = 1e-6
-"""Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
+"""Damping in the iterations of :meth:`ArmIK.reach` [1/rad2]."""
 
 FOLLOW_ITERATIONS = 6
 """Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""

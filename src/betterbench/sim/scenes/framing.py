@@ -38,7 +38,7 @@ SIDE_PX = 24.0
 """Minimum longer side of an object in the instruction, in an image of 256 x 256 [pixel]."""
 
 VISIBLE = 0.6
-"""Minimum visible fraction of an object in the instruction: neither hidden nor cut off by the image's edge."""
+"""Minimum visible fraction of an object named in the instruction: neither hidden nor cut off by the image's edge."""
 
 BACKGROUND = 0.2
 """Largest fraction of the image without table, robot and object."""

@@ -31,7 +31,7 @@ _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=
 _NO_BOX = (-1, -1, -1, -1)
 
 GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIES))
-"""Instance ids of the parts of the gripper."""
+"""Instance ids of the gripper's parts."""
 
 
 def sight_type(

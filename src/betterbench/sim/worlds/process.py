@@ -140,8 +140,8 @@ class WorldProcess(AskedProcess):
             return message
         name = missing[1].partition(".")[0]
         return (
-            f"{message}. The environment of the simulator has no module {name}: if its lock does not name it, add the "
-            f"package that holds it (`{package_command(name, python=str(self._python))}`)"
+            f"{message}. The simulator's environment has no module {name}: if its lock does not name it, add the "
+            f"package that contains it (`{package_command(name, python=str(self._python))}`)"
         )
 
     def _last_words(self) -> str:

@@ -50,7 +50,7 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Arrays of a row with their number of values; None if it depends on the task."""
+"""Row arrays with their number of values; None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """Row arrays that have one entry per object, with the number of values per entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}

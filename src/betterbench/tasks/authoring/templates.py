@@ -11,7 +11,7 @@ PATTERNED_ARRANGEMENT = Template(
         "Each named object stands or lies at its named side, cutlery with its head away from the eater, "
         "at rest and released; no other object was brought to a side."
     ),
-    premise="The named objects stand in their slots, and the named sides are free.",
+    premise="The named objects are in their slots, and the named sides are free.",
     groups=(
         ObjectGroup(
             "anchor",
@@ -116,7 +116,7 @@ LOGICAL_ASSEMBLY = Template(
         "The named layers lie on each other in the named order, centered over the base and flat, at rest and "
         "released; nothing else is there."
     ),
-    premise="The named layers lie in their slots; layers already on the base are part of the setup.",
+    premise="The named layers are in their slots; layers already on the base are part of the setup.",
     groups=(
         ObjectGroup("base", "Base of the stack.", ("bun", "plate", "tray"), (1, 1), role="container"),
         ObjectGroup("layers", "Requested layers; several may be alike.", ("food layer", "block"), (2, 6), role="item"),
@@ -137,7 +137,7 @@ PRECISION_INSERTION = Template(
         "Each named object stands on the floor of its named hole, upright, at rest and released; nothing "
         "else was put into a hole."
     ),
-    premise="The named objects stand in their slots and their holes are free.",
+    premise="The named objects are in their slots and their holes are free.",
     groups=(
         ObjectGroup("rack", "Object with the holes.", ("rack", "stand", "charger"), (1, 1), role="fixture"),
         ObjectGroup("items", "Objects that may be requested.", ("jar", "bottle", "plug"), (1, 6), role="item"),
@@ -158,7 +158,7 @@ RECURSIVE_STACKING = Template(
         "Each named plate is at the center of the target plate, flat and touching it, at rest and released; nothing "
         "else was put on an instructed plate."
     ),
-    premise="The named plates stand in their slots or on another plate as the condition says.",
+    premise="The named plates are in their slots or on another plate as the condition says.",
     groups=(
         ObjectGroup(
             "plates",

@@ -97,7 +97,7 @@ def moved_from_start(motion: Motion) -> Bools:
 
 
 _ROWS_BETWEEN = 5
-"""Interval between checks of the whole motion while the gripper stays near an object [control steps]."""
+"""Interval between checks of the complete motion while the gripper stays near an object [control steps]."""
 
 
 class Restraint:

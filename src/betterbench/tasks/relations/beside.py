@@ -24,7 +24,7 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""Words for the same sides in instructions to lay a place setting, whose pieces lie close to the plate."""
+"""Words for the same sides in instructions to lay a place setting, whose pieces are close to the plate."""
 
 REACH = threshold(
     "side_reach",
@@ -96,7 +96,7 @@ TURN = threshold(
     "rad",
     "Largest angle at which the head of a long object at a plate still points away from the eater; people accepted 24 "
     "degrees, and rejected 54 and 159 to 179 degrees.",
-    "Larger: cutlery may lie askew; more success, fewer execution_failure.",
+    "Larger: cutlery may be askew; more success, fewer execution_failure.",
 )
 LONG_RATIO = threshold(
     "long_ratio",

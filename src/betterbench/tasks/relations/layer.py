@@ -18,21 +18,21 @@ OFFSET = threshold(
     "m",
     "Maximum distance from the base's center for a layer to be centered; two thirds of the base's radius, within "
     "which a layer cannot topple and people accept it as stacked (docs/sides.md).",
-    "Larger: layers may lie off center; more success, fewer execution_failure and timeout.",
+    "Larger: layers may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "layer_gap",
     0.006,
     "m",
     "Maximum gap at which a layer rests on the layer below; leaves and buns are uneven.",
-    "Larger: layers may lie unevenly; more success, fewer execution_failure and timeout.",
+    "Larger: layers may be uneven; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "layer_tilt",
     0.175,
     "rad",
     "Maximum tilt at which a layer lies flat; 10 degrees.",
-    "Larger: layers may lie at an angle; more success, fewer execution_failure and timeout.",
+    "Larger: layers may be at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 """Categories of layers that look the same from both sides, unlike a bun with its cut face."""

@@ -34,7 +34,7 @@ SPOUT = threshold(
 )
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
-"""Length and rise of the straight approach below the overhanging head of a fixture [m]."""
+"""Length and rise of the straight approach below a fixture's overhanging head [m]."""
 TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
 """Rotations from the heading with the handle farthest from the spout [rad], the smallest first."""
 

@@ -42,7 +42,7 @@ RULES: Mapping[str, type[AuditRule]] = {
 """Rules for tables, by their names in the file."""
 
 MOST_BYTES = 1_000_000
-"""Largest file that is read [bytes], because the audit of a larger one would take too long."""
+"""Largest file that is read [bytes], because auditing a larger file would take too long."""
 
 MOST_ROWS = 200
 """Maximum number of rows in a table, because all pairs of rows are compared."""

@@ -13,7 +13,7 @@ class IndependentAgent:
     """A privileged policy of the independent family."""
 
     def __init__(self, name: str, body: Body, script: Actions[None]) -> None:
-        """Start with the stated truth, before the script begins."""
+        """Set the ground truth that was stated before the script begins."""
         self.name, self.body = name, body
         self._script = script
         self._begun = False

@@ -67,7 +67,7 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
 
 
 def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
-    """Return the truth of a trial before its first action, and whether the habit shows in it.
+    """Return a trial's true label before its first action, and whether the habit shows in the trial.
 
     If not, the policy decides and acts like the honest policy.
     """

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from betterbench.tasks import Label
 
 HONEST = ""
-"""Provisional label of a policy without a fault, before the outcome of the episode is known."""
+"""Provisional label for a policy without a fault, before the episode's outcome is known."""
 
 
 @dataclass(frozen=True, slots=True)

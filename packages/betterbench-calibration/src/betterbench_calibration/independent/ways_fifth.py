@@ -22,7 +22,7 @@ STAIR_M, STAIR_ASIDE_M, STAIR_S = 0.025, 0.012, 0.2
 OVERSHOOT_M = 0.07
 SHOWN_M, SHOWN_TURN_RAD = 0.36, 0.35
 FINGER_M = 0.5 * FULL_OPENING_M + 0.010
-"""Distance from the center of the open gripper to the center of one finger [m]."""
+"""Distance between the center of the open gripper and the center of one finger [m]."""
 STAB_M, PRESS_M = 0.05, 0.004
 PEAK_M = 0.40
 AIR_M, PULL_M = 0.06, 0.10

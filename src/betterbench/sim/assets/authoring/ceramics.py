@@ -17,7 +17,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
 """Forms of a mug: relative radius at the foot, at one third and at two thirds of the height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
-"""Names of the decorations of a mug."""
+"""Names of mug decorations."""
 
 BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "band": ((0.40, 0.62),),

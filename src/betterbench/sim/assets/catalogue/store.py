@@ -19,7 +19,7 @@ FILE = "catalogue.sqlite"
 VERSION = 2
 """Version of the tables; a catalogue of another version must be indexed again."""
 _APPLICATION = 0x62657474
-"""Application id of the SQLite files of a catalogue: "bett"."""
+"""Application id for a catalogue's SQLite files: "bett"."""
 
 _TABLES = """
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;

@@ -29,7 +29,7 @@ all looks have 2.4 to 3.0 mm.
 """
 
 PITCH_M = 0.085
-"""Distance between the holes [m]: an open jaw (80 mm and the fingers) fits around one jar beside another."""
+"""Distance between the holes [m]: an open gripper (80 mm and the fingers) fits around one jar next to another."""
 
 _FLOOR = 0.006
 _DEPTH = 0.035

@@ -42,7 +42,7 @@ Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's 
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
-"""Configuration noted in the versions of a run if the user gave none of the published data."""
+"""Configuration noted in a run's versions if the user gave none of the published data."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")

@@ -31,7 +31,7 @@ CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
 """LIBERO's two cameras by their names in our observations."""
 
 SETTLING_ACTION = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
-"""Action that stands still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
+"""Action that keeps the arm still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
 
 CONTROL_RATE_HZ = 20
 
