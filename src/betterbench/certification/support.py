@@ -135,7 +135,7 @@ class TrainedSupport:
         slack = slack_m(self.slots[put.slot], put.base_pose)
         allowed = POSITION_TOLERANCE_M if put.base_fixed else PUSHED_TOLERANCE_M
         if slack < -allowed:
-            return Found(text, f"{text}, which stands {-1000 * slack:.1f} mm outside that slot", slack)
+            return Found(text, f"{text}, which is {-1000 * slack:.1f} mm outside that slot", slack)
         astray = self._release_astray(put)
         if astray is not None:
             return Found(text, f"{text}, {astray}", slack)
