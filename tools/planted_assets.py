@@ -3,14 +3,14 @@
     .venv/bin/python tools/planted_assets.py --seed 0 --out runs/planted [--meshes FOLDER]            # make the items
     .venv/bin/python tools/planted_assets.py --seed 0 --out runs/planted [--meshes FOLDER] --measure  # and measure
 
-Good assets are meshes that ``made_meshes.py`` makes, assets of the procedural library and, if given, meshes of a
+Good assets are meshes made by ``made_meshes.py``, assets from the procedural library and, if given, meshes from a
 folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good asset with one fault (``planted_faults.py``), planted in
 the file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a
 line of ``journal.jsonl``, and the same command goes on after an interruption.
 
-False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs the fault of
-a file, the result is a good asset; the known up axis and volume of the original show whether it did. These items are
-listed separately. Accepted assets are dropped once more, in a separate simulation, to check that they lie still.
+False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs a file's
+fault, the result is a good asset; the original's known up axis and volume show whether it did. These items are listed
+separately. Accepted assets are dropped once more, in a separate simulation, to check that they come to rest.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Item:
     Attributes:
         id: Number and name of the item.
         origin: "made", "library" or "mesh".
-        name: Name that a user would give, which determines the kind.
+        name: Name that a user would give; it determines the kind.
         file: Mesh file, or category and look of the library.
         fault: Planted fault, None for a good item.
         stage: Stage at which the fault is planted: "file" or "asset".
@@ -77,7 +77,7 @@ class Item:
 def make_plan(seed: int, out: Path, meshes: Path | None, *, each: int = 4) -> list[Item]:
     """Write the mesh files and return the items.
 
-    There are ``each`` bad items per fault of an asset, half as many per fault of a file, and as many good items. Faults
+    There are ``each`` bad items per asset fault, half as many per file fault, and as many good items. Faults
     of assets are planted in good items.
     """
     rng = np.random.default_rng([seed, 45])
@@ -111,7 +111,7 @@ def _is_victim(item: Item, fault: str) -> bool:
 
 
 def _good_items(count: int, rng: Rng, out: Path, meshes: Path | None) -> list[Item]:
-    """Return good items: at least two of each generated kind, a fifth from the library, and meshes of the folder."""
+    """Return good items: at least two of each generated kind, a fifth from the library, and meshes from the folder."""
     folder = [] if meshes is None else sorted([*meshes.glob("**/*.glb"), *meshes.glob("**/*.obj")])
     from_library = count // 5
     from_folder = min(len(folder), max(0, count - from_library - 2 * len(SHAPES)))
@@ -153,7 +153,7 @@ def _bad_file(number: int, fault: str, rng: Rng, out: Path) -> Item:
 
 
 def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Item:
-    """Write a generated mesh, with or without a fault in the file or in the options of its import."""
+    """Write a generated mesh, with or without a fault in the file or in its import options."""
     mesh = SHAPES[kind](rng)
     size = float(np.ptp(mesh.bounds, axis=0).max())
     suffix = str(rng.choice([".glb", ".stl", ".ply"]))
@@ -182,7 +182,7 @@ def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Ite
 
 
 def _file_fault(mesh: trimesh.Trimesh, fault: str, size: float, rng: Rng) -> tuple[trimesh.Trimesh, dict[str, object]]:
-    """Return a mesh with a fault, and options of the import that go with it."""
+    """Return a mesh with a fault, and the import options that go with it."""
     mesh = mesh.copy()
     if fault == "upside down":
         mesh.apply_transform(turn_about(np.pi, [1, 0, 0]))
@@ -210,9 +210,9 @@ class Judged:
 
     Attributes:
         outcome: "refused" by the importer, "rejected" by the certificate, or "accepted".
-        failed: Names of the failed checks, or the message of the importer.
+        failed: Names of the failed checks, or the importer's message.
         mended: Whether the importer made a good asset from a bad file.
-        still: Whether an accepted asset lies still in the separate simulation of this script.
+        still: Whether an accepted asset comes to rest in this script's separate simulation.
     """
 
     id: str
@@ -260,7 +260,7 @@ def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
 
 
 def _is_mended(item: Item, asset: Asset) -> bool:
-    """Return whether the import of a bad file is a good asset, from the known properties of the original."""
+    """Return whether a bad file was imported as a good asset, judged by the original's known properties."""
     if item.fault in ("leaking", "far parts"):
         return False
     if item.fault == "inverted faces":

@@ -43,7 +43,7 @@ class Telling:
     traceback: bool = False
 
     def begin(self, level: LogLevel, *, with_traceback: bool) -> None:
-        """Set the level of the log of this process and of the workers that it starts."""
+        """Set the log level of this process and of the workers it starts."""
         os.environ[LOG_LEVEL_VARIABLE] = level.upper()
         logging.getLogger("betterbench").setLevel(level.upper())
         self.traceback = with_traceback
@@ -184,7 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # Any error of the operating system: a path that is missing, too long, a loop of links or not writable.
+        # Any operating system error: a path that is missing, too long, a loop of links or not writable.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
@@ -256,7 +256,7 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
     _with_options(
         verb,
         function,
-        log_level="How much is logged on standard error, also by worker processes.",
+        log_level="Log level on standard error, also for worker processes.",
         traceback="Also print where in the code an error was raised.",
     )
     word_options(verb)
@@ -319,7 +319,10 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a wrapper of a verb the options, hints and help of both; ``texts`` are help texts by option."""
+    """Give a verb's wrapper the options, type hints and help of both functions.
+
+    ``texts`` has the help texts by option.
+    """
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)

@@ -1,4 +1,4 @@
-"""YAML files written by people, read into plain values; aliases are refused, because they can expand without bound."""
+"""YAML files written by people, read into plain values; aliases are rejected, because they can expand without bound."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
 
 
 def _require_once(path: Path, node: yaml.Node | None) -> None:
-    """Refuse a field that is given twice, because YAML would silently keep only the last value."""
+    """Reject a field that is given twice, because YAML would silently keep only the last value."""
     if node is None or isinstance(node.value, str):
         return
     fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []
@@ -58,7 +58,7 @@ def _require_once(path: Path, node: yaml.Node | None) -> None:
 
 
 def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
-    """Refuse aliases and deep nesting at the first occurrence, before any value is built."""
+    """Reject aliases and deep nesting at the first occurrence, before any value is built."""
     import yaml
 
     depth = 0

@@ -41,7 +41,7 @@ class Filters:
 
     Attributes:
         license: "free" for licenses that allow commercial use and changes, "any" for all.
-        source: Name of a source, empty for all.
+        source: Source name, empty for all.
         max_faces: Largest number of triangles; assets with an unknown number do not pass.
         max_size_m: Largest extent [m]; assets without a size do not pass.
         min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
@@ -98,7 +98,7 @@ class Catalogue:
     """A catalogue that is open for searching; a context manager.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         encoder: Loads the encoder by name, called once when meaning is first searched; None for words only.
 
     Raises:
@@ -146,7 +146,7 @@ class Catalogue:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the sources, in the order of their first indexing."""
+        """Source names, in the order of their first indexing."""
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
@@ -189,7 +189,7 @@ class Catalogue:
         Args:
             query: Description in plain words.
             limit: Largest number of assets to return.
-            filters: Assets that are admitted; free licenses only if None.
+            filters: Licenses of admitted assets; None for free licenses only.
             expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.
             meaning: Whether meaning is searched, where the catalogue has vectors.
@@ -283,7 +283,7 @@ class Catalogue:
 
 
 def _sealed(store: Store, folder: Path) -> str:
-    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing has not ended."""
+    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing is incomplete."""
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing has not ended, or was interrupted"
@@ -318,7 +318,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 def _word_score(
     concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
 ) -> tuple[float, float]:
-    """Return a score for the words of a row, and the share of the query that the row contains.
+    """Return a score for a row's words, and the fraction of the query that the row contains.
 
     For each concept, the best phrase in the best field is used.
     """
