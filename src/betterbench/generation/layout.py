@@ -122,16 +122,16 @@ def require_usable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
         grip = size.grip_m
         where = f"cast group {group_id!r}: {spec.name}"
         if grip is None:
-            problem = f"the gripper cannot grasp a {spec.kind} (category {spec.category})"
+            problem = f"the gripper cannot grasp the {spec.kind} (category {spec.category})"
             raise InvalidInputError(where, problem, "Choose an asset with grasps")
         if grip > GRIP_M:
-            problem = f"a {spec.kind} is {1000 * grip:.0f} mm wide where it is grasped; the gripper takes up to 74 mm"
+            problem = f"the {spec.kind} is {1000 * grip:.0f} mm wide where it is grasped; the gripper takes up to 74 mm"
             raise InvalidInputError(where, problem, "Choose a smaller object")
         if size.low_m < LOW_M:
-            problem = f"a {spec.kind} can be so flat that it is grasped {1000 * size.low_m:.0f} mm above the table"
+            problem = f"the {spec.kind} can be so flat that the grasp is {1000 * size.low_m:.0f} mm above the table"
             raise InvalidInputError(where, problem, "Choose a thicker object; the fingers need 9 mm")
         if size.seen_m < SEEN_M:
-            problem = f"a {spec.kind} can look as small as {1000 * size.seen_m:.0f} mm; the camera needs 50 mm"
+            problem = f"the {spec.kind} can look as small as {1000 * size.seen_m:.0f} mm; the camera needs 50 mm"
             raise InvalidInputError(where, problem, "Choose a larger object")
 
 
