@@ -211,6 +211,7 @@ ROUND = LOGICAL_ASSEMBLY[1].groups["layers"][0]
 BUN = LOGICAL_ASSEMBLY[0].groups["base"][0]
 KEYBOARD = dataclasses.replace(FORK, name="keyboard", kind="keyboard", category="keyboard")
 LEMON = LOOSE_PACKING[0].groups["items"][2]
+NAPKINS = dataclasses.replace(FORK, name="napkins", kind="napkins", category="napkin_stack")
 CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
 
 
@@ -219,8 +220,9 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
     [
         (smaller(LOOSE_PACKING[0], "items", LEMON, FORK), "items.*has 2 objects, three or four are needed"),
         (smaller(LOOSE_PACKING[2], "container"), "container.*has 0 objects"),
-        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, KEYBOARD), "keyboard.*cannot grasp a keyboard"),
+        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, KEYBOARD), "keyboard.*cannot grasp the keyboard"),
         (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, CAN), "can is up to .* mm high; .* Choose a smaller object"),
+        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, NAPKINS), "napkins.*the grasp is 6 mm above the table"),
         (smaller(LOOSE_PACKING[0], "container", BUN), "bottom bun.*no region 'inside'"),
         (
             smaller(LOOSE_PACKING[0], "items", *LOOSE_PACKING[2].groups["items"]),
