@@ -271,7 +271,7 @@ def test_the_hollow_of_a_cup_stays_free():
     for corners in hulls:
         equations = ConvexHull(corners).equations
         assert not ((inside @ equations[:, :3].T + equations[:, 3]).max(axis=1) < 0.0).any()
-    assert fit == fit_of(hulls, solid.points) or fit.outside_m == fit_of(hulls, solid.points).outside_m
+    assert dataclasses.astuple(fit) == dataclasses.astuple(fit_of(hulls, solid))
     assert fit.outside_m < 0.0035  # the chord of a sector is 1.4 mm off the circle
     assert fit.inside_m < 0.001
 
@@ -279,6 +279,31 @@ def test_the_hollow_of_a_cup_stays_free():
 def test_a_convex_body_is_one_hull():
     mesh = trimesh.creation.cylinder(0.03, 0.1)
     assert len(convex_hulls(solid_of(*surface(mesh)), surface(mesh), None)[0]) == 1
+
+
+def test_sheets_are_touched_and_a_long_tool_is_not_one_hull():
+    """The blade of a modeled knife has no thickness, and the hull of a fork is three times as wide as its handle."""
+    handle = trimesh.creation.box((0.14, 0.014, 0.012))
+    prongs = [trimesh.creation.box((0.12, 0.004, 0.0), trimesh.transformations.translation_matrix((0.13, y, 0.0)))
+              for y in (-0.02, 0.02)]
+    neck = trimesh.creation.box((0.004, 0.044, 0.0), trimesh.transformations.translation_matrix((0.072, 0.0, 0.0)))
+    mesh = trimesh.util.concatenate([handle, neck, *prongs])
+    solid = solid_of(*surface(mesh))
+    hulls, fit = convex_hulls(solid, surface(mesh), None)
+    assert len(hulls) >= 4
+    assert fit.inside_m < 0.002
+    assert fit.outside_m < 0.003
+
+
+def test_what_hulls_fill_inside_a_solid_does_not_count():
+    """The hulls of the wall of a full bowl reach into what it is filled with."""
+    mesh = trimesh.creation.box((0.1, 0.1, 0.05))
+    solid = solid_of(*surface(mesh))
+    low, high = mesh.bounds
+    halves = [np.array(np.meshgrid(*zip(low, high, strict=True))).T.reshape(-1, 3) for _ in range(2)]
+    halves[0][:, 0] = np.minimum(halves[0][:, 0], -0.01)
+    halves[1][:, 0] = np.maximum(halves[1][:, 0], 0.01)
+    assert fit_of(halves, solid).outside_m < 0.001
 
 
 # -------------------------------------------------------------------------------------------------------------- assets

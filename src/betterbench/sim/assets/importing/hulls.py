@@ -21,12 +21,14 @@ MOST_HULLS = 48
 _CORNERS = 40
 """Largest number of corners of a hull; each corner costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
-_CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
-"""Distance from the surface up to which one hull is enough: a length [m], and a share of the longest side."""
+_CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
+"""Distance from the surface up to which one hull is enough: a length [m], or a share of the longest side and of the
+middle side, whichever is smaller. The middle side matters for tools: a fork is 3 cm wide and 28 cm long."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
-_LEAST_THICK_M = 0.0003
-"""Least thickness of a hull [m]: MuJoCo rejects flat hulls, and corners are rounded to a micrometer."""
+_LEAST_THICK_M = 0.0005
+"""Least thickness of a hull [m]: MuJoCo rejects a mesh whose vertices are coplanar, and misses contacts with an almost
+flat mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,29 +54,30 @@ def convex_hulls(
         surface: (n, 3) vertices [m] and (m, 3) faces.
         cavity: Hollow of the object, which stays open.
     """
-    size = float(np.ptp(solid.points, axis=0).max())
+    sides = np.sort(np.ptp(solid.points, axis=0))
+    size = float(sides[2])
     if cavity is None:
-        whole = hull_corners(solid.points)
+        whole = None if is_flat(solid.points) else hull_corners(solid.points)
         if whole is None:
-            return [], fit_of([], solid.points)
-        best = [whole], fit_of([whole], solid.points)
-        if best[1].outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
+            return [], fit_of([], solid)
+        best = [whole], fit_of([whole], solid)
+        if best[1].outside_m <= max(_CLOSE_M, min(_CLOSE_SHARE * size, _CLOSE_MIDDLE_SHARE * float(sides[1]))):
             return best
         options = [_decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
-        fitted = [best, *((hulls, fit_of(hulls, solid.points)) for hulls in options if hulls)]
+        fitted = [best, *((hulls, fit_of(hulls, solid)) for hulls in options if hulls)]
         return min(fitted, key=lambda option: _misfit(option[1]))
     walls, rest = _walls(solid, cavity)
     if rest.any():
         walls += _attached(solid, rest)
-    fit = fit_of(walls, solid.points)
+    fit = fit_of(walls, solid)
     if len(walls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
         decomposed = _decomposed(*surface)
-        other = fit_of(decomposed, solid.points)
+        other = fit_of(decomposed, solid)
         if other.outside_m < fit.outside_m:
             return decomposed, other
     if len(walls) > MOST_HULLS:
         walls = walls[:MOST_HULLS]
-        fit = fit_of(walls, solid.points)
+        fit = fit_of(walls, solid)
     return walls, fit
 
 
@@ -84,9 +87,10 @@ def _misfit(fit: Fit) -> float:
 
 
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
-    """Return at most 40 extreme points of a set of points [m]; None if they do not span a volume."""
-    if len(points) < 4:
+    """Return at most 40 extreme points of a set of points [m]; a sheet gets a thickness, and a needle is None."""
+    if len(points) < 3:
         return None
+    points = with_thickness(points)
     try:
         if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
             points = points[ConvexHull(points).vertices]
@@ -94,10 +98,28 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
         corners = chosen[ConvexHull(chosen).vertices]
     except (QhullError, ValueError):
         return None
-    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
-    if np.ptp(corners @ axes[2]) < _LEAST_THICK_M:
-        return None
     return np.ascontiguousarray(corners)
+
+
+def with_thickness(points: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) [m] that span at least half a millimeter across their plane; the given points if they do."""
+    normal, thickness = _thinnest(points)
+    lacking = _LEAST_THICK_M - thickness
+    if lacking <= 0.0:
+        return points
+    return np.concatenate([points - 0.5 * lacking * normal, points + 0.5 * lacking * normal])
+
+
+def is_flat(points: np.ndarray) -> bool:
+    """Return whether points (n, 3) [m] lie in one plane, to the rounding of the corners of hulls (a micrometer)."""
+    return _thinnest(points)[1] < 2e-6
+
+
+def _thinnest(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the normal (3,) of the plane that fits points best, and their extent along it [m]."""
+    offsets = points - points.mean(axis=0)
+    normal = np.linalg.eigh(offsets.T @ offsets)[1][:, 0]
+    return normal, float(np.ptp(offsets @ normal))
 
 
 def _directions() -> np.ndarray:
@@ -292,13 +314,18 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
     return np.concatenate(kept)
 
 
-def fit_of(hulls: Sequence[np.ndarray], points: np.ndarray) -> Fit:
-    """Return how well collision shapes fit a visible surface, given as points spread over it (k, 3) [m]."""
+def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
+    """Return how well collision shapes fit the visible surface of a solid.
+
+    A point of a shape inside the solid is at distance zero, because it cannot be touched.
+    """
     if not hulls:
         return Fit(np.inf, np.inf)
+    points = solid.points
     size = float(np.ptp(points, axis=0).max())
     theirs = surface_points(hulls, size / 60.0)
     to_visible, _ = cKDTree(points).query(theirs)
+    to_visible[(solid.cells & ~solid.surface)[tuple(solid.index(theirs).T)]] = 0.0
     seen = points[:: max(1, len(points) // 20_000)]
     to_shapes, _ = cKDTree(theirs).query(seen)
     for corners in hulls:  # points inside a shape have contact

@@ -17,7 +17,7 @@ from betterbench.sim.assets.importing.appearance import visual_parts
 from betterbench.sim.assets.importing.cavity import Cavity, columns_box, floor_square, highest_level, tops_of
 from betterbench.sim.assets.importing.foot import foot_under
 from betterbench.sim.assets.importing.grasping import proposals
-from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
+from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of, with_thickness
 from betterbench.sim.assets.importing.kinds import Kind, kind_of
 from betterbench.sim.assets.importing.measures import share_from_behind
 from betterbench.sim.assets.importing.mesh_file import FolderResolver
@@ -33,7 +33,6 @@ DENSITY = 500.0
 _MOSTLY = 0.5
 """Share of back-facing surface in an image above which a mesh is inside out rather than open."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
-_THINNEST_M = 0.0005
 _FRICTION = (0.6, 0.006, 0.0008)
 """Friction of glazed ceramic, painted metal and hard plastic; see the materials of the library."""
 
@@ -110,7 +109,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     body, said = _body(placed, kind, longest, wishes)
     hulls, by_file = stated_hulls(placed)
     if hulls:
-        fit = fit_of(hulls, placed.solid.points)
+        fit = fit_of(hulls, placed.solid)
     else:
         hulls, fit = convex_hulls(placed.solid, placed.mesh.surface(), placed.cavity)
     if not hulls:
@@ -221,19 +220,6 @@ def collision_part(corners: np.ndarray) -> CollisionPart:
     """Return the collision part of a convex hull with corners (n, 3) [m]."""
     vertices = np.ascontiguousarray((np.round(with_thickness(corners), 6) + 0.0).astype(np.float32))
     return CollisionPart("hull", (0.0, 0.0, 0.0), vertices=vertices, friction=_FRICTION)
-
-
-def with_thickness(corners: np.ndarray) -> np.ndarray:
-    """Return the corners (n, 3) of a hull that is at least half a millimeter thick [m].
-
-    MuJoCo rejects a mesh whose vertices are coplanar, and misses contacts with an almost flat mesh.
-    """
-    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
-    normal = axes[2]
-    lacking = _THINNEST_M - float(np.ptp(corners @ normal))
-    if lacking <= 0.0:
-        return corners
-    return np.concatenate([corners - 0.5 * lacking * normal, corners + 0.5 * lacking * normal])
 
 
 def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
