@@ -104,9 +104,7 @@ def measure(files: dict[str, Path], out: Path, *, workers: int, pictures: bool =
         run_items(
             list(files.items()),
             is_done=lambda item: item[0] in journal.found,
-            work=lambda waiting: in_processes(
-                waiting, functools.partial(try_file, pictures=drawn), workers=workers
-            ),
+            work=lambda waiting: in_processes(waiting, functools.partial(try_file, pictures=drawn), workers=workers),
             keep=journal.keep,
             on_progress=lambda p: print(f"\r{p.done}/{p.planned}", end="", file=sys.stderr, flush=True),
         )

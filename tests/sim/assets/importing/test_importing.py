@@ -18,7 +18,7 @@ from betterbench.sim.assets import build
 from betterbench.sim.assets.authoring.registry import unregister
 from betterbench.sim.assets.importing import child, imported
 from betterbench.sim.assets.importing.cavity import cavity_of
-from betterbench.sim.assets.importing.hulls import convex_hulls, fit_of
+from betterbench.sim.assets.importing.hulls import convex_hulls, filled_share, fit_of
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import kind_of, kinds
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
@@ -284,8 +284,10 @@ def test_a_convex_body_is_one_hull():
 def test_sheets_are_touched_and_a_long_tool_is_not_one_hull():
     """The blade of a modeled knife has no thickness, and the hull of a fork is three times as wide as its handle."""
     handle = trimesh.creation.box((0.14, 0.014, 0.012))
-    prongs = [trimesh.creation.box((0.12, 0.004, 0.0), trimesh.transformations.translation_matrix((0.13, y, 0.0)))
-              for y in (-0.02, 0.02)]
+    prongs = [
+        trimesh.creation.box((0.12, 0.004, 0.0), trimesh.transformations.translation_matrix((0.13, y, 0.0)))
+        for y in (-0.02, 0.02)
+    ]
     neck = trimesh.creation.box((0.004, 0.044, 0.0), trimesh.transformations.translation_matrix((0.072, 0.0, 0.0)))
     mesh = trimesh.util.concatenate([handle, neck, *prongs])
     solid = solid_of(*surface(mesh))
@@ -304,6 +306,21 @@ def test_what_hulls_fill_inside_a_solid_does_not_count():
     halves[0][:, 0] = np.minimum(halves[0][:, 0], -0.01)
     halves[1][:, 0] = np.maximum(halves[1][:, 0], 0.01)
     assert fit_of(halves, solid).outside_m < 0.001
+
+
+def test_the_hulls_of_a_full_bowl_end_at_what_it_is_filled_with():
+    bowl = trimesh.creation.revolve([(0, 0), (0.04, 0), (0.07, 0.06), (0.062, 0.06), (0.035, 0.01), (0, 0.01)])
+    soup = trimesh.creation.cylinder(0.058, 0.002, transform=trimesh.transformations.translation_matrix((0, 0, 0.047)))
+    dumpling = trimesh.creation.box((0.02, 0.02, 0.014), trimesh.transformations.translation_matrix((0.01, 0, 0.05)))
+    mesh = trimesh.util.concatenate([bowl, soup, dumpling])
+    solid = solid_of(*surface(mesh))
+    cavity = cavity_of(solid)
+    assert cavity is not None
+    hulls, fit = convex_hulls(solid, surface(mesh), cavity)
+    assert filled_share(hulls, solid, cavity) < 0.05
+    assert fit.outside_m < 0.002
+    base = max(hulls, key=lambda corners: ConvexHull(corners).volume)
+    assert base[:, 2].max() == pytest.approx(0.048, abs=0.001), "objects rest on the soup"
 
 
 # -------------------------------------------------------------------------------------------------------------- assets

@@ -24,6 +24,10 @@ _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
 """Distance from the surface up to which one hull is enough: a length [m], or a share of the longest side and of the
 middle side, whichever is smaller. The middle side matters for tools: a fork is 3 cm wide and 28 cm long."""
+_THICK_FLOOR = 0.25
+"""Height of the floor of a hollow, as a share of the height of the object, from which the floor may be a base."""
+_MOSTLY_FREE = 0.3
+"""Fraction of a hollow that a decomposition may fill."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0005
@@ -66,19 +70,33 @@ def convex_hulls(
         options = [_decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
         fitted = [best, *((hulls, fit_of(hulls, solid)) for hulls in options if hulls)]
         return min(fitted, key=lambda option: _misfit(option[1]))
-    walls, rest = _walls(solid, cavity)
-    if rest.any():
-        walls += _attached(solid, rest)
-    fit = fit_of(walls, solid)
-    if len(walls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
+    hulls, fit = _hollow_hulls(solid, cavity)
+    if len(hulls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
         decomposed = _decomposed(*surface)
         other = fit_of(decomposed, solid)
-        if other.outside_m < fit.outside_m:
+        if other.outside_m < fit.outside_m and filled_share(decomposed, solid, cavity) < _MOSTLY_FREE:
             return decomposed, other
-    if len(walls) > MOST_HULLS:
-        walls = walls[:MOST_HULLS]
-        fit = fit_of(walls, solid)
-    return walls, fit
+    if len(hulls) > MOST_HULLS:
+        hulls = hulls[:MOST_HULLS]
+        fit = fit_of(hulls, solid)
+    return hulls, fit
+
+
+def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
+    """Return the hulls of a hollow object: bands of floor and walls, or a base with walls where this fits better.
+
+    A base is tried if the floor is thick: a plate with a foot, or a bowl of soup, whose hollow begins at the soup.
+    """
+    body = _body_of(solid, cavity)
+    rest = solid.cells & ~body.near[:, :, None]
+    attached = _attached(solid, rest) if rest.any() else []
+    options = [_walls(solid, cavity, body)]
+    if cavity.floor_m > _THICK_FLOOR * float(np.ptp(solid.points[:, 2])):
+        options.append(_base_and_walls(solid, cavity, body))
+    fitted = [(hulls + attached, fit_of(hulls + attached, solid)) for hulls in options if hulls]
+    if len(fitted) == 1:
+        return fitted[0]
+    return min(fitted, key=lambda o: _misfit(o[1]) + cavity.depth_m * filled_share(o[0], solid, cavity))
 
 
 def _misfit(fit: Fit) -> float:
@@ -132,33 +150,83 @@ def _directions() -> np.ndarray:
     return np.concatenate([cube / np.linalg.norm(cube, axis=1, keepdims=True), ball])
 
 
-def _walls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the hulls of floor and walls, and the remaining cells (such as a handle).
+@dataclass(frozen=True, slots=True, eq=False)
+class _Body:
+    """The part of a hollow object around its hollow, without handles and spouts.
+
+    Attributes:
+        near: (nx, ny) columns of the hollow and of its wall.
+        points: (k, 3) points of the surface in these columns [m].
+        columns: (k, 2) columns of the points.
+        sector: (k,) sector of the wall that each point belongs to.
+        center: Middle of the hollow, x and y [m].
+    """
+
+    near: np.ndarray
+    points: np.ndarray
+    columns: np.ndarray
+    sector: np.ndarray
+    center: tuple[float, float]
+
+
+def _body_of(solid: Solid, cavity: Cavity) -> _Body:
+    x, y, half_x, half_y = columns_box(solid, cavity.mask)
+    wall = _wall_cells(cavity.mask, np.isfinite(cavity.tops))
+    near = ndimage.binary_dilation(cavity.mask, ndimage.generate_binary_structure(2, 2), iterations=wall)
+    columns = solid.index(solid.points)[:, :2]
+    of_body = near[tuple(columns.T)]
+    points, columns = solid.points[of_body], columns[of_body]
+    offset = points[:, :2] - (x, y)
+    turn = np.arctan2(offset[:, 1], offset[:, 0])
+    edges = _sector_edges(cavity.mask, half_x, half_y)
+    sector = np.searchsorted(edges, np.mod(turn - edges[0], 2 * np.pi) + edges[0], side="right") - 1
+    return _Body(near, points, columns, sector, (x, y))
+
+
+def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
+    """Return the hulls of floor and walls.
 
     The surface is seen from a focus in the middle of the opening: the angle from straight down to the rim runs along
     the profile, so bands of this angle are pieces of the floor and the wall, each nearly straight.
     """
-    x, y, half_x, half_y = columns_box(solid, cavity.mask)
-    wall = _wall_cells(cavity.mask, np.isfinite(cavity.tops))
-    near = ndimage.binary_dilation(cavity.mask, ndimage.generate_binary_structure(2, 2), iterations=wall)
-    i, j, _ = solid.index(solid.points).T
-    of_body = near[i, j]
-    points = solid.points[of_body]
-    offset = points[:, :2] - (x, y)
-    radius, turn = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+    _, _, half_x, half_y = columns_box(solid, cavity.mask)
+    radius = np.hypot(*(body.points[:, :2] - body.center).T)
     focus = cavity.rim_m + 0.05 * cavity.depth_m
-    angle = np.arctan2(radius, focus - points[:, 2])
-    edges = _sector_edges(cavity.mask, half_x, half_y)
-    sector = np.searchsorted(edges, np.mod(turn - edges[0], 2 * np.pi) + edges[0], side="right") - 1
+    angle = np.arctan2(radius, focus - body.points[:, 2])
     corner = float(np.arctan2(0.8 * min(half_x, half_y), focus - cavity.floor_m))
-    bands = _bands(points, angle, sector, corner, inner=_inner_points(solid, cavity))
+    bands = _bands(body.points, angle, body.sector, corner, inner=_inner_points(solid, cavity))
     hulls: list[np.ndarray] = []
     for low, high, whole in bands:
         inside = (angle >= low - 1e-9) & (angle <= high)
-        groups = [inside] if whole else [inside & (sector == k) for k in range(len(edges) - 1)]
-        hulls += [found for group in groups if (found := hull_corners(points[group])) is not None]
-    rest = solid.cells & ~near[:, :, None]
-    return hulls, rest
+        groups = [inside] if whole else [inside & (body.sector == k) for k in np.unique(body.sector)]
+        hulls += [found for group in groups if (found := hull_corners(body.points[group])) is not None]
+    return hulls
+
+
+def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
+    """Return one hull up to the floor of the hollow, and hulls of the sectors of the wall above it."""
+    level = float(np.median(cavity.tops[cavity.mask]))
+    heights = body.points[:, 2]
+    hollow = ndimage.binary_fill_holes(cavity.mask)
+    labels, _ = ndimage.label(~hollow | (cavity.tops > level + solid.pitch_m))
+    # A raised column in the hollow is part of the wall if it touches the wall, and otherwise a piece of the filling.
+    of_wall = np.isin(labels, np.unique(labels[~hollow]))
+    wall = (heights > level - solid.pitch_m) & of_wall[tuple(body.columns.T)]
+    groups = [heights <= level, *(wall & (body.sector == k) for k in np.unique(body.sector))]
+    return [found for group in groups if (found := hull_corners(body.points[group])) is not None]
+
+
+def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> float:
+    """Return the fraction of a hollow that hulls fill."""
+    columns = np.argwhere(cavity.mask)
+    xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
+    low = cavity.tops[tuple(columns.T)] + 1.5 * solid.pitch_m
+    points = np.concatenate([np.column_stack([xy, low + share * (cavity.rim_m - low)]) for share in (0.1, 0.4, 0.7)])
+    points = points[points[:, 2] < cavity.rim_m]
+    inside = np.zeros(len(points), bool)
+    for corners in hulls:
+        inside |= inside_hull(ConvexHull(corners), points, 0.5 * solid.pitch_m)
+    return float(inside.mean()) if len(points) else 0.0
 
 
 def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
