@@ -42,7 +42,7 @@ from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
 from made_meshes import LIBRARY, SHAPES, Rng, joined, turn_about, write_mesh
-from planted_faults import ASSET_FAULTS, FILE_FAULTS, OPEN_KINDS, VICTIMS
+from planted_faults import ASSET_FAULTS, FILE_FAULTS, ONE_END_UP, OPEN_KINDS, VICTIMS
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,10 @@ def _is_mended(item: Item, asset: Asset) -> bool:
     expected = {"upside down": {"y": "-y", "z": "-z"}, "on its side": {"y": "z", "z": "y"}}.get(str(item.fault), {})
     found = str(asset.parameters["up"])
     if item.fault == "on its side":
-        return found.lstrip("-") == expected.get(str(item.up)) and _opens_upward(asset)
+        if item.name in OPEN_KINDS:
+            return found.lstrip("-") == expected.get(str(item.up)) and _opens_upward(asset)
+        ends = (found,) if item.name in ONE_END_UP else (found, found.lstrip("-"), f"-{found}")
+        return {"y": "z", "z": "-y"}[str(item.up)] in ends
     return found == expected.get(str(item.up))
 
 

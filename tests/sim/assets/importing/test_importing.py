@@ -227,6 +227,36 @@ def test_triangles_that_face_inward_are_turned_around(tmp_path):
     assert "faced inward" in " ".join(made.notes)
 
 
+@pytest.mark.parametrize(
+    ("name", "mesh", "up"),
+    [
+        ("popsicle", trimesh.creation.box((0.05, 0.13, 0.014)), ("z", "-z")),
+        ("fork", trimesh.creation.box((0.02, 0.18, 0.006)), ("z", "-z")),
+        (
+            "bottle",
+            trimesh.creation.revolve([(0, 0), (0.03, 0), (0.03, 0.15), (0.012, 0.2), (0.012, 0.24), (0, 0.24)]),
+            ("z",),
+        ),
+    ],
+)
+def test_bottles_stand_and_forks_lie_however_a_file_holds_them(tmp_path, name, mesh, up):
+    """The files hold y up, so that the fork stands on end and the bottle lies."""
+    found = import_mesh(saved(mesh, tmp_path / f"{name}.glb"), Wishes(size_m=float(np.ptp(mesh.bounds, axis=0).max())))
+    assert found.draft.parameters["up"] in up
+    assert f"since a {name}" in " ".join(found.notes)
+    given = import_mesh(tmp_path / f"{name}.glb", Wishes(up="y"))
+    assert given.draft.parameters["up"] == "y"
+
+
+def test_flat_objects_are_as_thick_at_any_size_and_nothing_is_denser_than_steel(tmp_path):
+    plate, mug = kind_of("plate"), kind_of("mug")
+    assert plate.mass_at(1.5 * plate.middle_m) == pytest.approx(1.5**2 * plate.mass_kg)
+    assert mug.mass_at(1.2 * mug.middle_m) == pytest.approx(1.2**3 * mug.mass_kg)
+    knife = import_mesh(saved(trimesh.creation.box((0.2, 0.004, 0.002)), tmp_path / "knife.stl"), Wishes(size_m=0.2))
+    assert knife.draft.mass_kg < 8000 * 0.2 * 0.004 * 0.004, "a cell is thicker than the knife"
+    assert "slimmer than a usual knife" in " ".join(knife.notes)
+
+
 # -------------------------------------------------------------------------------------------------------------- solid
 
 
