@@ -32,6 +32,7 @@ import trimesh
 from betterbench.errors import BetterError
 from betterbench.jobs import LineJournal, in_processes, run_items, write_durably
 from betterbench.sim.asset_checks import certify_asset
+from betterbench.sim.asset_checks.tried_grasps import with_tried_grasps
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.child import VERSION
@@ -255,7 +256,7 @@ def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
     stored = kept / f"{key}.npz"
     if not stored.is_file():
         kept.mkdir(parents=True, exist_ok=True)
-        write_durably(stored, to_bytes(import_mesh(file, wishes)))
+        write_durably(stored, to_bytes(with_tried_grasps(import_mesh(file, wishes))))
     return from_bytes(stored.read_bytes(), file.name)
 
 

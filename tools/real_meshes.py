@@ -26,6 +26,7 @@ from betterbench.errors import BetterError
 from betterbench.jobs import LineJournal, in_processes, run_items
 from betterbench.sim.asset_checks import certify_asset
 from betterbench.sim.asset_checks.picture import asset_pictures
+from betterbench.sim.asset_checks.tried_grasps import with_tried_grasps
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import kind_of
@@ -70,7 +71,7 @@ def try_file(item: tuple[str, Path], *, pictures: Path | None = None) -> Tried:
     known = None if kind is None else kind.name
     began = time.process_time()
     try:
-        draft = import_mesh(file, Wishes(name=name, license="as its folder states")).draft
+        draft = with_tried_grasps(import_mesh(file, Wishes(name=name, license="as its folder states"))).draft
     except BetterError as error:
         return Tried(name, known, [str(error)], False, None, time.process_time() - began, 0)
     seconds = time.process_time() - began
