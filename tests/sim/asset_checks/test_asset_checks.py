@@ -119,6 +119,16 @@ def test_a_lid_also_keeps_the_ball_out(planted, tub):
     assert run_check("holds_ball", Subject(lid, None)).outcome == "failed"
 
 
+def test_an_invisible_spike_below_the_base_fails_even_if_the_asset_lies_still(tub):
+    spike = np.array(
+        [[0.05, 0.03, -0.006], [0.054, 0.03, 0.004], [0.046, 0.03, 0.004], [0.05, 0.034, 0.004]], np.float32
+    )
+    part = dataclasses.replace(tub.collision[0], shape="hull", vertices=spike, position=(0.0, 0.0, 0.0))
+    result = run_check("rest_depth", Subject(dataclasses.replace(tub, collision=(*tub.collision, part)), None))
+    assert result.outcome == "failed"
+    assert "reach 6 mm below its visible surface" in result.sentence
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_an_asset_with_a_rocking_base_or_an_inertia_of_no_body_fails(planted, tub, seed):
     subject = Subject(planted.ASSET_FAULTS["jittering"](tub, np.random.default_rng(seed)), None)
