@@ -32,6 +32,7 @@ import trimesh
 from betterbench.errors import BetterError
 from betterbench.jobs import LineJournal, in_processes, run_items, write_durably
 from betterbench.sim.asset_checks import certify_asset
+from betterbench.sim.asset_checks.tried_grasps import with_tried_grasps
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.child import VERSION
@@ -42,7 +43,7 @@ from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
 from made_meshes import LIBRARY, SHAPES, Rng, joined, turn_about, write_mesh
-from planted_faults import ASSET_FAULTS, FILE_FAULTS, OPEN_KINDS, VICTIMS
+from planted_faults import ASSET_FAULTS, FILE_FAULTS, ONE_END_UP, OPEN_KINDS, VICTIMS
 
 
 @dataclass(frozen=True)
@@ -255,7 +256,7 @@ def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
     stored = kept / f"{key}.npz"
     if not stored.is_file():
         kept.mkdir(parents=True, exist_ok=True)
-        write_durably(stored, to_bytes(import_mesh(file, wishes)))
+        write_durably(stored, to_bytes(with_tried_grasps(import_mesh(file, wishes))))
     return from_bytes(stored.read_bytes(), file.name)
 
 
@@ -271,7 +272,10 @@ def _is_mended(item: Item, asset: Asset) -> bool:
     expected = {"upside down": {"y": "-y", "z": "-z"}, "on its side": {"y": "z", "z": "y"}}.get(str(item.fault), {})
     found = str(asset.parameters["up"])
     if item.fault == "on its side":
-        return found.lstrip("-") == expected.get(str(item.up)) and _opens_upward(asset)
+        if item.name in OPEN_KINDS:
+            return found.lstrip("-") == expected.get(str(item.up)) and _opens_upward(asset)
+        ends = (found,) if item.name in ONE_END_UP else (found, found.lstrip("-"), f"-{found}")
+        return {"y": "z", "z": "-y"}[str(item.up)] in ends
     return found == expected.get(str(item.up))
 
 

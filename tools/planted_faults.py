@@ -313,6 +313,8 @@ FILE_FAULTS = (
 """Faults planted in a file or in its import options, for a mesh that this script makes."""
 
 OPEN_KINDS = frozenset({"mug", "bowl", "glass", "lunchbox"})
+ONE_END_UP = frozenset({"bottle", "jar", "plate"})
+"""Further kinds with a wrong end; a can or a notebook may be turned over."""
 VICTIMS: dict[str, frozenset[str]] = {
     "upside down": OPEN_KINDS | {"bottle", "jar"},
     "on its side": OPEN_KINDS | {"bottle", "jar", "can", "plate", "notebook"},

@@ -18,7 +18,7 @@ COLORS = frozenset(_COLOR_WORDS.split())
 _LITTLE = """
 a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
 one two three few which who what can be used use something object thing item want need find get show please made kind
-type piece sort model 3d put holding containing contains asset mesh like as has have
+type piece sort model 3d put holding containing contains asset mesh like as has have place tool
 """
 _SAYS_LITTLE = frozenset(_LITTLE.split())
 """Query words that are ignored."""
