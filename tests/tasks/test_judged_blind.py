@@ -134,7 +134,7 @@ def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
 
 
 def test_a_third_set_differs_at_borders_and_for_cutlery_that_is_turned():
-    """Five of 65 differ; docs/sides.md lists them. Where all judges are sure, only a fork that lies upside down does."""
+    """Five of 65 differ, listed in docs/sides.md. Of those with three sure judges, only an upside-down fork does."""
     disagreed = [scene for scene in THIRD if accepts(scene) is not scene.accepted]
     assert len(THIRD) == 65
     assert [(s.setting, s.pair) for s in disagreed if s.kind.endswith(", sure")] == [
