@@ -574,8 +574,9 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
-    This is possible if a requested object is about as near as the point at which demonstrations close in that slot. In
-    a slot from which training picked nothing, or that holds an object, the gripper must be at the center of the slot.
+    This is possible if a requested object is about as near as the point at which demonstrations close in that slot, or
+    at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. In a slot
+    from which training picked nothing, or that holds an object, the gripper must be at the center of the slot.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -584,8 +585,9 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     if picked is None or trace.emptied_slot(step.grasp.start, tool) != slot:
         return math.dist(tool[:2], trace.info.slot(slot).position[:2]) > THRESHOLDS.same_place
     beyond = picked.beyond(tool.tolist())
-    gaps = trace.box_distances(step.grasp.start, tool)
-    return any(gaps[i] <= beyond + DOUBT for i in _needed(trace, instruction, step.grasp))
+    row, needed = step.grasp.start, _needed(trace, instruction, step.grasp)
+    gaps, sideways = trace.box_distances(row, tool), trace.sideways_distances(row, tool)
+    return any(gaps[i] <= beyond + DOUBT or sideways[i] <= beyond for i in needed)
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
