@@ -300,3 +300,33 @@ def test_an_instruction_that_is_not_used_is_a_conclusion_although_few_trials_fai
         assert (headline.family, headline.claim.supported) == ("reasoning", True)
     else:
         assert headline.conclusion.startswith("Nothing to conclude yet")
+
+
+@pytest.mark.parametrize(
+    ("label", "said"),
+    [
+        (Label.BEHAVIORAL_INERTIA, "It does not use the instruction: the first target is the same in 12 of 12 pairs"),
+        (Label.EXECUTION_FAILURE, "It does not use the instruction: the first target is the same in 12 of 12 pairs"),
+        (Label.VISUAL_LAYOUT_BIAS, "It goes to the same place regardless of the instruction."),
+    ],
+)
+@pytest.mark.parametrize("failed", [3, 20])
+def test_an_instruction_that_is_not_used_comes_before_the_failures_of_one_variation(label, said, failed):
+    """A blind choice may coincide with a habit where the variations are; the pairs rule the habit out."""
+    trials = [*trained(range(20)), *varied(range(failed), label), *varied(range(failed, 21), task="morning_coffee")]
+    run = diagnosis(trials)
+    assert not headline_of(run).conclusion.startswith("It does not use the instruction")
+    effect = Metric("instruction_effect", "overall", 0, 12, 0.0, 0.0, 0.24, 0.5**12)
+    others = tuple(m for m in run.metrics if m.name != "instruction_effect")
+    headline = headline_of(replace(run, metrics=(*others, effect)))
+    if failed == 20:
+        assert headline.conclusion.startswith(said)
+    assert (headline.family, headline.claim.supported) == ("reasoning", True)
+
+
+def test_an_instruction_that_is_not_used_is_said_although_the_variations_are_solved():
+    run = diagnosis([*trained(range(12)), *trained(range(12, 24), Label.VISUAL_LAYOUT_BIAS), *varied(range(9))])
+    effect = Metric("instruction_effect", "overall", 0, 12, 0.0, 0.0, 0.24, 0.5**12)
+    others = tuple(m for m in run.metrics if m.name != "instruction_effect")
+    said = headline_of(replace(run, metrics=(*others, effect))).conclusion
+    assert said.startswith("It does not use the instruction: the first target is the same in 12 of 12 pairs")
