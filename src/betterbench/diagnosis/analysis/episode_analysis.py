@@ -507,6 +507,8 @@ class EpisodeAnalysis:
     def intention_correct(self) -> bool | None:
         """Return whether the first attempt was at a requested object, or no forbidden one was made (suite, section 4).
 
+        A wrong drawer is a wrong attempt, whatever is grasped afterward.
+
         Returns:
             None if this cannot be decided: the first closing was on nothing between two objects, or every closing was
             far from all objects.
@@ -516,9 +518,8 @@ class EpisodeAnalysis:
             return not self.steps
         if expected is Expected.REFUSE:
             return not any(s.target in (AttemptTarget.OTHER, AttemptTarget.FOREIGN) for s in self.steps)
-        first = self.first_attempt
-        if first is None and self.steps:  # only drawers were attempted
-            return all(s.target is AttemptTarget.ASKED for s in self.steps)
+        telling = (s for s in self.steps if s.target is not AttemptTarget.ASKED or self._may_be_choice(s))
+        first = next(telling, self.steps[0] if self.steps else None)
         if first is None:
             return None if self.on_nothing else False
         return None if first.between is not None else first.target is AttemptTarget.ASKED
