@@ -251,8 +251,8 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
     """Return the main sentence, its color family and its test.
 
-    A proof that the instruction is not used comes before the failures of the variations: a habit, or a clumsy grasp,
-    may coincide with the blind choice where the variations are.
+    A proof that the instruction is not used comes before the failures of the variations, unless a habit explains the
+    wrong first attempts of the whole run: in a few variations, a habit may coincide with the blind choice.
     """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -262,9 +262,11 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         return _training_alone(diagnosis, training)
     main = main_failure(varied)
     found = _by_failures(diagnosis, varied, training, gap)
-    unused = None if main is not None and main.kind is Kind.SYSTEM else _unused_instruction(diagnosis)
-    says_so = main is Label.VISUAL_LAYOUT_BIAS and found[2].supported and found[1] == LEGEND[main].family
-    return found if unused is None or says_so else unused
+    said = main is Label.VISUAL_LAYOUT_BIAS and found[1] == LEGEND[main].family
+    explained = sum(trial.label is Label.VISUAL_LAYOUT_BIAS for trial in trials) < FEW
+    settled = found[2].supported and (said or explained)
+    unused = None if settled or (main is not None and main.kind is Kind.SYSTEM) else _unused_instruction(diagnosis)
+    return unused or found
 
 
 def _by_failures(
