@@ -1,6 +1,6 @@
 """Draw the packages of the code and the ways through them, and write docs/architecture.md.
 
-The imports are read from the source. The ways are not drawn by hand: a trial is run, diagnosed and asked about and a
+The imports are read from the source. The paths are not drawn by hand: a trial is run, diagnosed and queried and a
 demonstration is given, and every first call from one package into another is noted.
 
 Example:
@@ -59,7 +59,7 @@ class Tracer:
     """Notes first calls between packages below a folder while it is the profile function of a thread.
 
     Calls while a module is imported are left out, and so are nested functions and methods that the language calls.
-    A call counts as first by the caller's package and by the callee's package and sub-package.
+    A call is first per caller's package and per callee's package and sub-package.
     """
 
     home: Path = HOME
@@ -96,7 +96,7 @@ class Tracer:
 
 
 def _purpose(frame: FrameType) -> str:
-    """Return the first line of the docstring of what runs in a frame; of a class for its ``__init__``."""
+    """Return the first line of the docstring of a frame's code; for ``__init__``, of its class."""
     this = frame.f_locals.get("self")
     constants = frame.f_code.co_consts
     text = type(this).__doc__ if frame.f_code.co_name == "__init__" else constants[0] if constants else ""
@@ -140,7 +140,7 @@ class Way:
 
 
 def ways(folder: Path) -> Iterator[Way]:
-    """Yield the ways that the page shows; what the commands write goes into a folder."""
+    """Yield the paths that the page shows; the commands' output goes into a folder."""
     run, shown, asked = (str(folder / name) for name in ("run", "shown", "asked"))
     one = ("--tasks", "fast_food", "--workers", "1")
     yield Way(
@@ -168,7 +168,7 @@ def ways(folder: Path) -> Iterator[Way]:
 
 
 def draw_imports(packages: Sequence[Package], layers: Sequence[Sequence[str]], out: Path) -> None:
-    """Draw which package imports which, from the top layer down; the size of a dot is the number of modules."""
+    """Draw which package imports which, from the top layer down; the dot size is the number of modules."""
     names = [p.name for p in packages]
     modules = Counter((f.package, target) for f in read_files(ROOT) for target in imported(f) if target != f.package)
     figure = Figure(figsize=(9.2, 7.4), layout="constrained")

@@ -1,8 +1,8 @@
 """Build the wheels, install betterbench's in a clean environment, and run `better demo` there from an empty folder.
 
-The environment has the locked packages and nothing of this clone; its caches are empty, so that what a first user waits
-for is part of the check. The other wheel, by which LeRobot finds our tasks, is built and its content checked; it needs
-LeRobot to be run (tests/episodes/test_lerobot_plugin.py).
+The environment has the locked packages and nothing from this clone; its caches are empty, so that a first user's
+waiting time is part of the check. The other wheel, with which LeRobot finds our tasks, is built and its content
+checked; running it requires LeRobot (tests/episodes/test_lerobot_plugin.py).
 
 Examples:
     python tools/check_wheel.py                 all wheels into dist/, with one trial per variation
@@ -32,18 +32,18 @@ SOURCES = {
     "betterbench_calibration": ROOT / "packages" / "betterbench-calibration",
     "lerobot_env_betterbench": ROOT / "packages" / "lerobot_env_betterbench",
 }
-"""The projects of this repository: the folder of each, by the name of the package that its wheel holds."""
+"""This repository's projects: the folder of each, by the package name that its wheel contains."""
 
 
 class CheckError(Exception):
-    """The wheel is not what it should be; the text says in which way."""
+    """The wheel has a fault; the message describes it."""
 
 
 def call(command: Sequence[str | Path], *, env: Mapping[str, str], cwd: Path = ROOT) -> str:
     """Run a command and return its standard output.
 
     Raises:
-        CheckError: If it fails; the text ends with what it said.
+        CheckError: If the command fails; the message ends with the command's output.
     """
     words = [str(word) for word in command]
     done = subprocess.run(words, env=env, cwd=cwd, check=False, capture_output=True, text=True)
@@ -65,14 +65,14 @@ def build(uv: Path, out: Path, env: Mapping[str, str], source: Path) -> Path:
 
 
 def added(source: Path) -> list[str]:
-    """Return the files that a project's wheel takes from outside its src, as if they stood there."""
+    """Return the files that a project's wheel takes from outside its src folder, with their paths in the wheel."""
     form = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = form.get("tool", {}).get("hatch", {}).get("build", {}).get("targets", {}).get("wheel", {})
     return [f"src/{place}" for place in wheel.get("force-include", {}).values()]
 
 
 def content_problem(wheel: Path, tracked: Sequence[str]) -> str:
-    """Return how the package in a wheel differs from the tracked files that it is made of; empty if it does not."""
+    """Return how the package in a wheel differs from its tracked source files; empty if it does not."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     wanted = {name.partition("src/")[2] for name in tracked}

@@ -16,9 +16,9 @@ from betterbench.tasks.judging.picked_slots import FORM, PACKAGED
 
 
 def points_of(category: str) -> list[tuple[float, float, float]]:
-    """Return x and y of the closing points of a category in the object's frame, and how far looks vary [mm].
+    """Return x and y of a category's closing points in the object's frame, and how far looks vary [mm].
 
-    A category with several equally preferred grasps, such as the rim of a plate, has one point for each.
+    A category with several equally preferred grasps, such as a plate's rim, has one point for each.
     """
     found: dict[int, list[tuple[float, float]]] = {}
     for look in (*looks(category), *unseen_looks(category)):

@@ -3,16 +3,16 @@
 Rules of counting:
 
 - A line is a physical line of a ``.py`` file, blank lines and comments included.
-- A docstring line is a line of a string that stands as a statement by itself: the docstrings of modules, classes and
+- A docstring line is a line in a string that is a statement of its own: the docstrings of modules, classes and
   functions, and the strings below fields and constants.
-- The length of a function runs from its ``def`` to its last line, docstring included. A nested function counts by
+- A function's length runs from its ``def`` to its last line, docstring included. A nested function counts by
   itself and also as lines of the function around it.
-- A function is pure data if its body, after the docstring, is one ``return`` or one assignment whose value is made of
-  literals, names, attributes, containers, f-strings and calls only. Arithmetic, comparisons, conditions, comprehensions
-  and lambdas make it code, except for the sign of a number. Pure data may be of any length.
-- The nesting of a function is the largest number of ``if``, ``for``, ``while``, ``with``, ``try`` and ``match``
-  statements around one of its statements. An ``elif`` is as deep as its ``if``, and so is an ``else`` that holds one
-  ``if`` and nothing else. A nested function is measured by itself.
+- A function is pure data if its body, after the docstring, is one ``return`` or one assignment whose value consists
+  only of literals, names, attributes, containers, f-strings and calls. Arithmetic, comparisons, conditions,
+  comprehensions and lambdas make it code, except for the sign of a number. Pure data may be of any length.
+- A function's nesting is the largest number of ``if``, ``for``, ``while``, ``with``, ``try`` and ``match`` statements
+  around one of its statements. An ``elif`` is as deep as its ``if``, and so is an ``else`` that contains only one
+  ``if``. A nested function is measured by itself.
 - A public name is a function, class or type alias at the top level of a file, without a leading underscore. A type
   alias is ``type Name = ...`` or an assignment to a name in CamelCase, type variables included. Constants and variables
   are not counted. Every further file that defines the name counts, scripts with a ``main`` included.
@@ -59,9 +59,9 @@ class Function:
     """A function or method.
 
     Attributes:
-        name: Module and qualified name without the package's own, such as ``tasks.goal.Goal.step``.
+        name: Module and qualified name without the package name, such as ``tasks.goal.Goal.step``.
         lines: Lines from ``def`` to the end.
-        nesting: Deepest nesting of its statements.
+        nesting: Deepest nesting among its statements.
         data: Whether the function is pure data.
     """
 
@@ -87,7 +87,7 @@ class SourceFile:
 
     @property
     def module(self) -> str:
-        """Dotted name without the package's own, such as ``tasks.goal``; empty for the package's ``__init__``."""
+        """Dotted name without the package name, such as ``tasks.goal``; empty for the package's ``__init__``."""
         return ".".join(part for part in self.path.with_suffix("").parts if part != "__init__")
 
     @property
@@ -106,7 +106,7 @@ class Package:
         files: Number of files.
         lines: Number of lines.
         imports: Subpackages that it imports, inside functions too, from the top layer down.
-        upward: Those of ``imports`` that the layers forbid.
+        upward: Imports in ``imports`` that the layers forbid.
     """
 
     name: str
@@ -127,9 +127,9 @@ class Shape:
         docstring_lines: Number of lines that are docstrings.
         functions: All functions and methods.
         repeated: Public names that several files define, with those files.
-        tasks: Lines of each task file of the suite.
-        assets: Lines of each file named like one of ``ASSETS``.
-        packages: Subpackages from the top layer down; those that no layer names come last.
+        tasks: Number of lines in each of the suite's task files.
+        assets: Number of lines in each file with a name in ``ASSETS``.
+        packages: Subpackages from the top layer down; subpackages in no layer come last.
     """
 
     files: int
@@ -146,10 +146,10 @@ def measure(root: Path) -> Shape:
     """Measure a checkout.
 
     Args:
-        root: Folder that holds ``src/betterbench`` and ``pyproject.toml``.
+        root: Folder that contains ``src/betterbench`` and ``pyproject.toml``.
 
     Raises:
-        FileNotFoundError: If ``root`` holds no such package.
+        FileNotFoundError: If ``root`` contains no such package.
     """
     files = read_files(root)
     return Shape(
@@ -183,7 +183,7 @@ def read_files(root: Path) -> list[SourceFile]:
 
 
 def docstring_lines(tree: ast.Module) -> int:
-    """Count the lines of strings that stand as statements."""
+    """Count the lines of strings that are statements of their own."""
     return sum(_length(node) for node in ast.walk(tree) if isinstance(node, ast.stmt) and _is_docstring(node))
 
 
@@ -213,7 +213,7 @@ def _named_functions(node: ast.AST, prefix: str) -> Iterator[tuple[str, Function
 
 
 def _depth(node: ast.AST) -> int:
-    """Return how many blocks lie inside one another at ``node``, counting ``node`` itself."""
+    """Return how many blocks are nested at ``node``, including ``node`` itself."""
     if isinstance(node, FunctionNode | ast.ClassDef):
         return 0
     if isinstance(node, ast.If) and _is_elif(node.orelse):
@@ -222,7 +222,10 @@ def _depth(node: ast.AST) -> int:
 
 
 def _is_elif(otherwise: Sequence[ast.stmt]) -> bool:
-    """Tell whether an ``else`` holds exactly one ``if``, which the syntax tree does not tell from an ``elif``."""
+    """Tell whether an ``else`` contains exactly one ``if``.
+
+    The syntax tree does not distinguish this from an ``elif``.
+    """
     return len(otherwise) == 1 and isinstance(otherwise[0], ast.If)
 
 
@@ -280,8 +283,8 @@ def read_layers(root: Path) -> list[list[str]]:
     Packages of one line must not import each other.
 
     Raises:
-        FileNotFoundError: If there is no ``pyproject.toml``.
-        ValueError: If it holds no contract of type ``layers``.
+        FileNotFoundError: If ``pyproject.toml`` does not exist.
+        ValueError: If it contains no contract of type ``layers``.
     """
     settings = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
     for contract in settings.get("tool", {}).get("importlinter", {}).get("contracts", []):
@@ -312,7 +315,10 @@ def _package(name: str, names: Sequence[str], files: Sequence[SourceFile], level
 
 
 def _is_upward(name: str, target: str, level: dict[str, int]) -> bool:
-    """Tell whether the layers forbid an import; a package that no layer names may neither import nor be imported."""
+    """Tell whether the layers forbid an import.
+
+    A package that is not in any layer may neither import nor be imported.
+    """
     return name not in level or target not in level or level[target] <= level[name]
 
 

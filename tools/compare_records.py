@@ -1,9 +1,10 @@
-"""Compare the records of two runs bit for bit: whether a change of the code has changed what a trial is.
+"""Compare the records of two runs bit for bit, to see whether a code change has altered the trials.
 
     python tools/compare_records.py BEFORE AFTER [--rename "OLD=>NEW" ...]
 
-Every column of every record has to hold the same bytes. Metadata may be renamed: ``--rename`` replaces words of the old
-metadata, and what still differs is counted by key. Folders that hold several runs are compared run by run, by name.
+Every column of every record must contain the same bytes. Metadata may be renamed: ``--rename`` replaces words in the
+old metadata, and remaining differences are counted by key. Folders that contain several runs are compared run by run,
+by name.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ METADATA_KEY = b"betterbench"
 
 @dataclass
 class Findings:
-    """What a comparison has found.
+    """Result of a comparison.
 
     Attributes:
-        same: Number of records whose columns hold the same bytes.
+        same: Number of records whose columns contain the same bytes.
         missing: Records of the first run that the second lacks.
         changed: Records whose columns differ, with the first such column.
-        keys: How often each metadata key differs after renaming, with one example.
+        keys: Number of differences per metadata key after renaming, with one example each.
     """
 
     same: int = 0
@@ -90,7 +91,7 @@ def compare(before: Path, after: Path, renames: Sequence[tuple[str, ...]]) -> Fi
 
 
 def first_difference(old: pa.Table, new: pa.Table) -> str | None:
-    """Return the first column that does not hold the same values and types, or None."""
+    """Return the first column that does not contain the same values and types, or None."""
     if old.schema.names != new.schema.names:
         return f"columns {old.schema.names} against {new.schema.names}"
     for name in old.schema.names:
@@ -109,7 +110,7 @@ def column_bytes(table: pa.Table, name: str) -> bytes:
 
 
 def metadata(table: pa.Table, renames: Sequence[tuple[str, ...]]) -> dict[str, Any]:
-    """Return the metadata of a record, flat: one entry per path of keys."""
+    """Return a record's metadata, flat: one entry per path of keys."""
     text = (table.schema.metadata or {}).get(METADATA_KEY, b"{}").decode()
     return dict(flat(json.loads(renamed(text, renames)), ""))
 
@@ -122,7 +123,7 @@ def renamed(text: str, renames: Sequence[tuple[str, ...]]) -> str:
 
 
 def flat(value: object, path: str) -> Iterator[tuple[str, object]]:
-    """Yield the leaves of a JSON value with their paths; the index of a list is left out of the path."""
+    """Yield the leaves of a JSON value with their paths; list indices are left out of the path."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from flat(inner, f"{path}.{key}" if path else str(key))

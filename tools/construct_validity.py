@@ -1,6 +1,6 @@
-"""What the study of learned policies showed of a variation, as its card says it.
+"""Section of a variation's card with the results of the study of learned policies.
 
-The numbers are those of ``docs/study/study.json``, which ``better study`` wrote.
+The numbers come from ``docs/study/study.json``, which ``better study`` wrote.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from betterbench.tasks import get_task
 
 STUDY = Path(__file__).resolve().parents[1] / "docs" / "study" / "study.json"
 LEAST = -1.0
-"""Shares whose interval reaches below this say nothing: the gap that they are of is hardly apart from none."""
+"""Shares whose interval extends below this value are not reported: the underlying gap is too close to zero."""
 LINK = "[study](../learned.md#what-the-study-showed)"
 
 
 def validity_text(task: str, variation: str, study: Path = STUDY) -> str:
-    """Return the line of a card: who solved the variation, and how much of the gap balancing removed."""
+    """Return the card's line: who solved the variation, and how much of the gap balancing removed."""
     found = _read(study)
     row = next((v for v in found["variations"] if (v["task"], v["variation"]) == (task, variation)), None)
     if row is None:

@@ -1,4 +1,4 @@
-"""The paper's findings as films: the same trial as learners of two arms of a study play it, one below the other.
+"""The paper's findings as films: the same trial played by learners from two arms of a study, one below the other.
 
 Names the study, the picture to be written, and trials::
 
@@ -26,7 +26,7 @@ PAPER, INK, RIGHT, WRONG = (253, 252, 250), (28, 30, 33), (30, 120, 70), (190, 6
 
 
 def film(study: Path, trial: TrialId, arms: tuple[str, str], training_seed: int) -> Image.Image:
-    """Return one trial as two learners play it: what is asked for, then a row of frames for each."""
+    """Return one trial as played by two learners: the instruction, then a row of frames for each learner."""
     width = FRAMES * (SIDE_PX + MARGIN_PX)
     row_px = ROW_HEAD_PX + SIDE_PX + MARGIN_PX
     sheet = Image.new("RGB", (width, HEAD_PX + len(arms) * row_px + MARGIN_PX), PAPER)
@@ -53,7 +53,7 @@ def film(study: Path, trial: TrialId, arms: tuple[str, str], training_seed: int)
 
 
 def outcome(study: Path, name: str, trial: TrialId) -> TrialOutcome:
-    """Return what a stage of the study says about a trial of a learner."""
+    """Return a study stage's result for a learner's trial."""
     stage = study / "stages" / f"runs-{name}.json"
     trials = read_trials(json.loads(stage.read_text(encoding="utf-8"))["output"]["trials"], str(stage))
     return next(t for t in trials if (t.variation or t.condition, t.seed) == (trial.condition, trial.seed))

@@ -1,4 +1,4 @@
-"""The page of the documentation about what the cameras show, with the numbers of every task and a picture of rooms."""
+"""The documentation page about what the cameras show, with each task's figures and a picture of the rooms."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ HEADINGS = (
 
 
 def write(tasks: Sequence[Task], out: Path) -> None:
-    """Write the page and its picture below the folder of the documentation."""
+    """Write the page and its picture into the documentation folder."""
     (out / "framing.md").write_text(page(tasks), encoding="utf-8")
     scene_pictures.save_small(rooms_picture(tasks), out / "pictures" / "rooms.jpg", limit=PICTURE_BYTES)
     editions = editions_picture(tasks, Image.open(out / "pictures" / FIRST_EDITION))
@@ -52,7 +52,7 @@ def write(tasks: Sequence[Task], out: Path) -> None:
 
 
 def page(tasks: Sequence[Task]) -> str:
-    """Return the page, with the worst value of each number over all conditions of a task and some seeds."""
+    """Return the page, with the worst value of each figure over all conditions of a task and several seeds."""
     rows = [f"| {' | '.join((f'`{task.id}`', *_worst(task)))} |" for task in tasks]
     seen, unseen = (", ".join(room.name for room in rooms) for rooms in (ROOMS, UNSEEN_ROOMS))
     return "\n".join(
@@ -97,9 +97,9 @@ def page(tasks: Sequence[Task]) -> str:
             "## Rooms, looks and jitter",
             "",
             (
-                "The seed of a trial draws its room (table, wall, floor and light), the look of every kind of object, "
-                "the places of the cameras (± 1 cm and ± 1° per axis), the direction of the key light (± 4° per axis) "
-                "and the start of the arm (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
+                "A trial's seed draws its room (table, wall, floor and light), the look of every object kind, the "
+                "camera poses (± 1 cm and ± 1° per axis), the key light direction (± 4° per axis) and the arm's start "
+                "(± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
                 "values, and training and test draw from the same distribution."
             ),
             "",
@@ -159,7 +159,7 @@ def editions_picture(tasks: Sequence[Task], before: Image.Image) -> Image.Image:
 
 
 def rooms_picture(tasks: Sequence[Task]) -> Image.Image:
-    """Return the front view of tasks in every room, the first of which a seed of a task draws."""
+    """Return the front view of tasks in every room, starting with the room that a seed of a task draws."""
     shown: tuple[tuple[Looks, tuple[str, ...]], ...] = (
         ("seen", tuple(room.name for room in ROOMS)),
         ("unseen", tuple(room.name for room in UNSEEN_ROOMS)),

@@ -1,9 +1,9 @@
 """Failed trials of learned policies, judged by eye before anybody has seen their labels.
 
-The first command draws failed trials by seed from the runs of a study and writes numbered strips of frames, without
-labels. Somebody watches them and writes, for each number, the label that it shows and what was seen:
-``{"1": {"label": "lexical_kinematic_shortcut", "seen": "takes the blue mug"}, ...}``. The second command sets the
-answers beside the labels of the diagnosis and prints the agreement with every disagreement::
+The first command draws failed trials by seed from a study's runs and writes numbered strips of frames, without labels.
+A person watches them and writes, for each number, the label that it shows and what was seen: ``{"1": {"label":
+"lexical_kinematic_shortcut", "seen": "takes the blue mug"}, ...}``. The second command compares the answers with the
+labels of the diagnosis and prints the agreement with every disagreement::
 
     python tools/judged_films.py draw STUDY SHEETS --count 100
     python tools/judged_films.py judge STUDY SHEETS/drawn.json ANSWERS.json
@@ -33,7 +33,7 @@ _HEAD_PX, _MARGIN_PX = 46, 6
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A trial that was drawn, by the folder of its run."""
+    """A drawn trial, by the folder of its run."""
 
     run: str
     task: str
@@ -42,7 +42,7 @@ class Drawn:
 
 
 def failed_trials(study: Path) -> Iterator[tuple[Drawn, TrialOutcome]]:
-    """Yield the failed trials of all learners of a study, in the order of their names."""
+    """Yield the failed trials of all learners in a study, in name order."""
     for path in sorted((study / "stages").glob("runs-*.json")):
         run = path.stem.removeprefix("runs-")
         task = run.partition("-")[0]
@@ -53,7 +53,7 @@ def failed_trials(study: Path) -> Iterator[tuple[Drawn, TrialOutcome]]:
 
 
 def moments(record: Record, count: int) -> list[int]:
-    """Return the rows to be shown: the start, when the gripper was told to close or to open, the end, and between."""
+    """Return the rows to be shown: the start, gripper commands to close or open, the end, and rows between."""
     last = len(record) - 1
     turns = np.flatnonzero(np.diff(np.sign(record.gripper_command)) != 0) + 1
     rows = {0, last, *(min(last, int(row) + 8) for row in turns[: count - 2])}
@@ -65,7 +65,7 @@ def moments(record: Record, count: int) -> list[int]:
 
 
 def strip(run: RunFolder, drawn: Drawn, number: int) -> Image.Image:
-    """Return the frames of a trial beside each other, with its number, instruction and times."""
+    """Return the frames of a trial side by side, with the trial's number, instruction and times."""
     record = run.read_record(drawn.task, drawn.condition, drawn.seed)
     shots = [Shot(drawn.task, drawn.condition, drawn.seed, float(record.time[row])) for row in moments(record, FRAMES)]
     images = render_shots(run, shots, size=SIDE_PX, quality="fast")

@@ -1,4 +1,4 @@
-"""The tables of ``docs/learned.md``, from the numbers of the studies in ``docs/study``, and the style of their pages.
+"""The tables in ``docs/learned.md``, from the studies' figures in ``docs/study``, and the style of their pages.
 
 Run with ``python tools/learned_page.py``, after a study was copied there. A page that ``better study`` writes contains
 its style sheet; the pages of the documentation share one file.
@@ -30,7 +30,7 @@ Figure = Mapping[str, Any]
 
 
 def filled(text: str, studies: Path = STUDIES) -> str:
-    """Return the text of the page with all its tables made again."""
+    """Return the page text with all its tables regenerated."""
     study, levers, base, doses = (_read(studies / f"{name}.json") for name in ("study", "levers", "base", "doses"))
     tables = {
         "study-arms": _arms(study),
@@ -50,11 +50,11 @@ def filled(text: str, studies: Path = STUDIES) -> str:
 
 
 def linked(page: str) -> str:
-    """Return the page of a study with a link to the shared style sheet instead of its own."""
+    """Return a study's page with a link to the shared style sheet instead of its own."""
     before, begin, rest = page.partition("<style>")
     if not begin:
         return page
-    # A page on disk has no origin that 'self' could name, so that files are allowed as well.
+    # A page opened from disk has no origin for 'self' to refer to, so files are allowed as well.
     before = before.replace("style-src 'unsafe-inline'", "style-src 'self' file: 'unsafe-inline'")
     return f'{before}<link rel="stylesheet" href="{SHEET}">{rest.partition("</style>")[2]}'
 
@@ -107,7 +107,7 @@ def _variations(study: Mapping[str, Any]) -> list[str]:
 
 
 def _joined(tables: Sequence[Mapping[str, Any]], later: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return tables of levers with those that were trained later, beside the very same learners without a lever."""
+    """Return lever tables that include the levers trained later, next to the same learners without a lever."""
     more = {table["arm"]: table["rows"] for table in later}
     found = []
     for table in tables:
@@ -151,7 +151,7 @@ def _doses(study: Mapping[str, Any]) -> list[str]:
 
 
 def _diverse(studies: Path) -> list[str]:
-    """Return the diverse-confounded learners beside those of the study of the same tasks and training seeds."""
+    """Return the diverse-confounded learners next to the study's learners with the same tasks and training seeds."""
     plan = _read(studies / "diverse.json")["plan"]
     seeds = {str(seed) for seed in plan["seeds"]}
     trials = [

@@ -1,6 +1,6 @@
-"""A blind test of whether objects look like what they are: crops of scenes without names, and the judging of answers.
+"""A blind test of whether objects are recognizable: crops of scenes without names, and scoring of the answers.
 
-The first command draws numbered crops as the front camera sees them, on sheets of 25. Somebody who knows neither the
+The first command draws numbered crops as the front camera sees them, on sheets of 25. A person who knows neither the
 list of categories nor this file writes what each marked object is, ``{"1": "red mug", "2": "fork", ...}``. The second
 command compares the answers and writes the page of the documentation::
 
@@ -29,11 +29,11 @@ from betterbench.tasks.interventions import vary
 CROPS = 200
 PER_SHEET = 25
 SIDE_PX = 64
-"""Side of a crop [pixel of an image of 256 x 256]."""
+"""Side length of a crop [pixel in a 256 x 256 image]."""
 SHOWN_PX = 224
 """Side at which a crop is shown [pixel]."""
 SEEN = 0.6
-"""Least share of an object that has to be visible for it to be asked about."""
+"""Minimum visible fraction of an object for it to be included."""
 REQUIRED = 0.95
 """Share of answers that have to be right."""
 
@@ -90,7 +90,7 @@ ACCEPTED: dict[str, str] = {
     "upper_drawer": "drawer|drawers|cabinet|chest|organizer",
     "waste_bin": "bin|trash|trashcan|dustbin|basket|wastebasket|garbage|bucket",
 }
-"""Words of which an answer has to hold one, by category."""
+"""Words of which an answer must contain one, by category."""
 
 _NOT_A_JAR = "jam|pill|pills|medicine|medication|pharmacy|vitamin|soda|coke|cola|tin"
 REFUSED: dict[str, str] = {
@@ -125,7 +125,9 @@ REFUSED: dict[str, str] = {
     "upper_drawer": "lower|bottom",
     "waste_bin": "plant|flower|pot|planter|soda|coke|crushed",
 }
-"""Words of which an answer may hold none, by category or by category and color: what it must not be taken for."""
+"""Words that an answer must not contain, by category or by category and color: objects for which it must not be
+mistaken.
+"""
 
 REQUIRED_TOO: dict[str, str] = {
     "coffee_machine": "machine|maker|coffeemaker|espresso",
@@ -133,7 +135,7 @@ REQUIRED_TOO: dict[str, str] = {
     "round_block": "wood|wooden|toy|block|blocks",
     "stapler_block": "wood|wooden|toy|block|brick",
 }
-"""Further words of which an answer has to hold one, where the instruction depends on it."""
+"""Further words of which an answer must contain one, where the instruction depends on it."""
 
 COLORS = (
     "red|blue|green|yellow|white|black|gray|grey|silver|orange|brown|tan|beige|purple|pink|navy|teal|golden|cyan|maroon"
@@ -150,7 +152,7 @@ SAME_COLOR: dict[str, str] = {
 PART_COLORS: dict[str, str] = {
     "egg_cup": r"^(brown|tan|beige|orange) (?=egg in )",
 }
-"""Colors of a part that are said in front of the whole, by category: of the egg in its cup."""
+"""Colors of a part that people mention before the object itself, by category: the color of the egg in its cup."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +170,7 @@ class Crop:
 
 
 def crops(number: int = CROPS) -> list[Crop]:
-    """Return crops of all categories in turn, in an order that tells nothing."""
+    """Return crops of all categories in turn, in an order that reveals nothing."""
     rng = np.random.default_rng(20261122)
     places = _places()
     found: list[Crop] = []
@@ -245,10 +247,10 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 
 
 def is_right(answer: str, category: str, color: str) -> bool:
-    """Tell whether a free answer names an object: by an accepted word, no refused one, and its color if any.
+    """Tell whether a free answer names an object: by an accepted word, no rejected word, and its color if any.
 
-    Of several colors ("blue and white") one has to be its own. Words behind a comma, "with", "on" or "in" are about a
-    part ("jam jar, white lid") and are not judged, unless they are a color alone ("mug, blue").
+    If several colors are given ("blue and white"), one must be the object's own color. Words after a comma, "with",
+    "on" or "in" are about a part ("jam jar, white lid") and are not judged, unless they are only a color ("mug, blue").
     """
     said = re.sub(PART_COLORS[category], "", answer.lower()) if category in PART_COLORS else answer.lower()
     texts = re.split(r",| with | on | in ", said, maxsplit=1)
@@ -267,7 +269,7 @@ def _set(pattern: str) -> set[str]:
 
 
 def page(found: list[Crop], readings: list[dict[str, str]]) -> str:
-    """Return the page of the documentation with every answer of one or more readers."""
+    """Return the documentation page with every answer from one or more readers."""
     shares, rows = [], []
     for answers in readings:
         count = sum(is_right(answers.get(str(c.number), ""), c.category, c.color) for c in found)

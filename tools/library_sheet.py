@@ -1,7 +1,7 @@
 """Render the procedural asset library into one contact sheet.
 
-Each category is a strip of four pictures from the angle of the front camera: three looks in its default color, seen
-from three sides, and one look in another color, where it has one. Strips stand in three columns. Run from the
+Each category is a strip of four pictures from the front camera's angle: three looks in its default color, seen from
+three sides, and one look in another color, if there is one. Strips are arranged in three columns. Run from the
 repository root::
 
     MUJOCO_GL=egl python tools/library_sheet.py library.png
@@ -23,14 +23,14 @@ from betterbench.report.figures.image_sheet import SheetCell, image_sheet
 from betterbench.sim.assets import Asset, build, categories, colors, looks
 from betterbench.sim.scenes.objects import add_asset
 
-# The front camera stands at (1.6, 0, 0.9) m and looks at the table some 0.5 m from the robot: about 35 degrees down.
+# The front camera is at (1.6, 0, 0.9) m and looks at the table about 0.5 m from the robot: about 35 degrees down.
 _ELEVATION_DEGREES = -35.0
-_PITCH = 1.0  # distance of the assets in the common scene [m]; far enough for no two to share a picture
+_PITCH = 1.0  # distance between the assets in the common scene [m]; far enough that no two share a picture
 LOOKS = 3  # looks of a category that are shown in its default color
 
 
 def scene(assets: Sequence[Asset]) -> mujoco.MjModel:
-    """Return one model of all assets in a row; nothing in it collides or moves."""
+    """Return one model with all assets in a row; nothing in it collides or moves."""
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [0.32, 0.32, 0.32]
     spec.visual.headlight.diffuse = [0.30, 0.30, 0.30]

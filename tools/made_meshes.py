@@ -39,7 +39,7 @@ def _mug(rng: Rng) -> trimesh.Trimesh:
     ring = trimesh.creation.torus(0.3 * height, 0.006, major_sections=24, minor_sections=12)
     ring.apply_transform(turn_about(np.pi / 2, [1, 0, 0]))
     ring.apply_translation([radius, 0, 0.5 * height])
-    ring.update_faces(ring.triangles_center[:, 0] > radius - 0.7 * wall)  # the other half would stand in the mug
+    ring.update_faces(ring.triangles_center[:, 0] > radius - 0.7 * wall)  # the other half would stick into the mug
     ring.remove_unreferenced_vertices()
     return joined([_cup(radius, height, wall, rng), ring])
 
@@ -210,7 +210,7 @@ def _painted(mesh: trimesh.Trimesh, rng: Rng) -> trimesh.Trimesh:
 
 
 def write_mesh(mesh: trimesh.Trimesh, path: Path, rng: Rng) -> str:
-    """Write a mesh that stands on z = 0 in meters, and return the axis of the file that points up."""
+    """Write a mesh that rests on z = 0, in meters, and return the file's up axis."""
     mesh = mesh.copy()
     if path.suffix == ".glb":
         mesh.apply_transform(turn_about(-np.pi / 2, [1, 0, 0]))

@@ -1,4 +1,4 @@
-"""Make the generated part of the documentation: pages of tasks and templates with pictures, and the asset library."""
+"""Make the generated part of the documentation: task and template pages with pictures, and the asset library."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def in_order(tasks: tuple[Task, ...]) -> list[Task]:
-    """Return tasks in the order of the suite's table, and after them all others that are registered."""
+    """Return tasks in the order of the suite's table, followed by all other registered tasks."""
     order = list(suite_tasks("better60"))
     return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
 
@@ -85,7 +85,7 @@ def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
 
 
 def library_page(tasks: list[Task]) -> str:
-    """Return the page of the asset library, which says which tasks use an asset."""
+    """Return the asset library page, which lists the tasks that use each asset."""
     used: dict[str, list[str]] = {}
     for task in tasks:
         conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
@@ -101,7 +101,7 @@ def library_page(tasks: list[Task]) -> str:
             "",
             (
                 "Every object is made by a parametric generator: a category is one function, and each of its looks is "
-                "the result of this function for another random generator. The seed of the trial determines the look; "
+                "that function's result for a different random generator. The seed of the trial determines the look; "
                 "the looks after the plus sign are held out for `--looks unseen`; "
                 f"the condition determines the color. There are {len(rows)} categories. The sheet shows three looks of "
                 "each category in its default color and one in another color, if it has several."

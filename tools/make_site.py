@@ -26,7 +26,7 @@ _LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "vid
 
 @dataclass(slots=True)
 class Page(HTMLParser):
-    """What a page of the site links to, and what it can be linked at.
+    """Outgoing links and link targets of a site page.
 
     Attributes:
         anchors: Its ids.
@@ -55,7 +55,7 @@ class Page(HTMLParser):
 
 
 def write_index_script(site: Path) -> None:
-    """Write the index of the search as a script too: a page that is opened from the disk cannot fetch a file."""
+    """Write the search index as a script too: a page opened from disk cannot fetch a file."""
     index = (site / "search" / "search_index.json").read_text(encoding="utf-8")
     (site / "search" / "search_index.js").write_text(f"var __index = {index}", encoding="utf-8")
 
@@ -71,7 +71,7 @@ def read_pages(site: Path) -> dict[Path, Page]:
 
 
 def link_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
-    """Yield a sentence for every link that leads nowhere, and for everything that is loaded from another host."""
+    """Yield a sentence for every broken link, and for everything that is loaded from another host."""
     for path, page in pages.items():
         if path.name == "404.html":  # its links begin with the address of the site
             continue
@@ -90,7 +90,7 @@ def link_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
 
 
 def module_file(name: str) -> Path:
-    """Return the source of a module by its full name; a file that does not exist if it is no module."""
+    """Return a module's source by its full name; if the name is not a module, return a file that does not exist."""
     package = name.partition(".")[0]
     source = ROOT / "src" if package == "betterbench" else ROOT / "packages" / package.replace("_", "-") / "src"
     place = source / name.replace(".", "/")
@@ -98,13 +98,13 @@ def module_file(name: str) -> Path:
 
 
 def documented_modules(page: Path) -> list[str]:
-    """Return the modules that a page of the reference documents whole."""
+    """Return the modules that a reference page documents completely."""
     names = re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return [name for name in names if module_file(name).exists()]
 
 
 def public_names(file: Path) -> set[str]:
-    """Return the names in ``__all__`` of a module that has one; of another, its public functions and classes."""
+    """Return the names in a module's ``__all__``; if it has none, its public functions and classes."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "__all__":
@@ -121,7 +121,7 @@ def name_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
             file = module_file(module)
             for name in sorted(public_names(file)):
                 full = f"{module}.{name}"
-                # Where a function and a module have the same name, the page names the module that defines the function.
+                # If a function and a module have the same name, the page names the module that defines the function.
                 hidden = file.name == "__init__.py" and (file.parent / f"{name}.py").exists()
                 is_package = file.name == "__init__.py" and (file.parent / name).is_dir()
                 elsewhere = hidden and any(re.fullmatch(rf"{module}\.\w+\.{name}", anchor) for anchor in shown)

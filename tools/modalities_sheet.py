@@ -1,6 +1,6 @@
-"""A contact sheet of modalities: colors with boxes, instances, semantics and depth of some recorded states.
+"""A contact sheet of modalities: colors with boxes, instances, semantics and depth for some recorded states.
 
-Each row of the sheet is one view of the middle of a trial::
+Each row of the sheet is one view halfway through a trial::
 
     MUJOCO_GL=egl python tools/modalities_sheet.py RUN --trial fast_food/T1/0 --out docs/pictures/modalities.jpg
 """
@@ -28,7 +28,7 @@ SIDE_PX, PAD_PX, HEAD_PX = 330, 6, 20
 
 
 def main() -> None:
-    """Draw the sheet that the command line asks for."""
+    """Draw the sheet that the command line requests."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n", maxsplit=1)[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--trial", action="append", required=True, help="TASK/CONDITION/SEED; repeatable")

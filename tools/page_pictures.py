@@ -1,7 +1,7 @@
 """Take the pictures of our pages that the documentation shows, in a headless Chromium.
 
-The report is that of the whole suite, one trial per variation; the page of teleoperation is that of two packed items;
-the page of a review shows a righted mug.
+The report covers the full suite, one trial per variation; the teleoperation page shows two packed items; the review
+page shows a mug set upright.
 
 Example:
     better eval --policy zoo:lexical --trials 1 --out runs/lexical
@@ -39,7 +39,7 @@ REPORT_SIZE, TELEOP_SIZE, REVIEW_SIZE = (1200, 700), (1280, 720), (1440, 800)
 """Sizes of the pictures [px]."""
 
 LAPTOP = (1440, 840)
-"""Size at which the report is shown [px]: its first screen with the film; it is scaled to the size of the picture."""
+"""Size at which the report is shown [px]: its first screen with the film; scaled to the picture size."""
 
 REPORT_QUALITY, TELEOP_QUALITY = 82, 85
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -106,7 +106,10 @@ def teleop_page(run: Path, profile: Path) -> bytes:
 
 
 def review_page(folder: Path, profile: Path) -> bytes:
-    """Return the page of ``better review`` as PNG: a grasp of a righted mug is moved; the files go to a folder."""
+    """Return the page of ``better review`` as PNG: a grasp of an upright mug is being moved.
+
+    The files go to a folder.
+    """
     folder.mkdir(parents=True)
     write_leaning_mug(folder / "mug.glb")
     command = [sys.executable, "-m", "betterbench.cli", "review", str(folder), "--author", "ada", "--port", "0"]

@@ -3,14 +3,14 @@
     .venv/bin/python tools/planted_assets.py --seed 0 --out runs/planted [--meshes FOLDER]            # make the items
     .venv/bin/python tools/planted_assets.py --seed 0 --out runs/planted [--meshes FOLDER] --measure  # and measure
 
-Good assets are meshes that ``made_meshes.py`` makes, assets of the procedural library and, if given, meshes of a
+Good assets are meshes made by ``made_meshes.py``, assets from the procedural library and, if given, meshes from a
 folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good asset with one fault (``planted_faults.py``), planted in
 the file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a
 line of ``journal.jsonl``, and the same command goes on after an interruption.
 
-False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs the fault of
-a file, the result is a good asset; the known up axis and volume of the original show whether it did. These items are
-listed separately. Accepted assets are dropped once more, in a separate simulation, to check that they lie still.
+False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs a file's
+fault, the result is a good asset; the original's known up axis and volume show whether it did. These items are listed
+separately. Accepted assets are dropped once more, in a separate simulation, to check that they come to rest.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ import trimesh
 from betterbench.errors import BetterError
 from betterbench.jobs import LineJournal, in_processes, run_items, write_durably
 from betterbench.sim.asset_checks import certify_asset
+from betterbench.sim.asset_checks.tried_grasps import with_tried_grasps
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
 from betterbench.sim.assets.importing.child import VERSION
@@ -42,7 +43,7 @@ from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes import add_asset
 from made_meshes import LIBRARY, SHAPES, Rng, joined, turn_about, write_mesh
-from planted_faults import ASSET_FAULTS, FILE_FAULTS, OPEN_KINDS, VICTIMS
+from planted_faults import ASSET_FAULTS, FILE_FAULTS, ONE_END_UP, OPEN_KINDS, VICTIMS
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Item:
     Attributes:
         id: Number and name of the item.
         origin: "made", "library" or "mesh".
-        name: Name that a user would give, which determines the kind.
+        name: Name that a user would give; it determines the kind.
         file: Mesh file, or category and look of the library.
         fault: Planted fault, None for a good item.
         stage: Stage at which the fault is planted: "file" or "asset".
@@ -77,7 +78,7 @@ class Item:
 def make_plan(seed: int, out: Path, meshes: Path | None, *, each: int = 4) -> list[Item]:
     """Write the mesh files and return the items.
 
-    There are ``each`` bad items per fault of an asset, half as many per fault of a file, and as many good items. Faults
+    There are ``each`` bad items per asset fault, half as many per file fault, and as many good items. Faults
     of assets are planted in good items.
     """
     rng = np.random.default_rng([seed, 45])
@@ -111,7 +112,7 @@ def _is_victim(item: Item, fault: str) -> bool:
 
 
 def _good_items(count: int, rng: Rng, out: Path, meshes: Path | None) -> list[Item]:
-    """Return good items: at least two of each generated kind, a fifth from the library, and meshes of the folder."""
+    """Return good items: at least two of each generated kind, a fifth from the library, and meshes from the folder."""
     folder = [] if meshes is None else sorted([*meshes.glob("**/*.glb"), *meshes.glob("**/*.obj")])
     from_library = count // 5
     from_folder = min(len(folder), max(0, count - from_library - 2 * len(SHAPES)))
@@ -153,7 +154,7 @@ def _bad_file(number: int, fault: str, rng: Rng, out: Path) -> Item:
 
 
 def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Item:
-    """Write a generated mesh, with or without a fault in the file or in the options of its import."""
+    """Write a generated mesh, with or without a fault in the file or in its import options."""
     mesh = SHAPES[kind](rng)
     size = float(np.ptp(mesh.bounds, axis=0).max())
     suffix = str(rng.choice([".glb", ".stl", ".ply"]))
@@ -182,7 +183,7 @@ def _made(number: int, kind: str, fault: str | None, rng: Rng, out: Path) -> Ite
 
 
 def _file_fault(mesh: trimesh.Trimesh, fault: str, size: float, rng: Rng) -> tuple[trimesh.Trimesh, dict[str, object]]:
-    """Return a mesh with a fault, and options of the import that go with it."""
+    """Return a mesh with a fault, and the import options that go with it."""
     mesh = mesh.copy()
     if fault == "upside down":
         mesh.apply_transform(turn_about(np.pi, [1, 0, 0]))
@@ -210,9 +211,9 @@ class Judged:
 
     Attributes:
         outcome: "refused" by the importer, "rejected" by the certificate, or "accepted".
-        failed: Names of the failed checks, or the message of the importer.
+        failed: Names of the failed checks, or the importer's message.
         mended: Whether the importer made a good asset from a bad file.
-        still: Whether an accepted asset lies still in the separate simulation of this script.
+        still: Whether an accepted asset comes to rest in this script's separate simulation.
     """
 
     id: str
@@ -255,12 +256,12 @@ def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
     stored = kept / f"{key}.npz"
     if not stored.is_file():
         kept.mkdir(parents=True, exist_ok=True)
-        write_durably(stored, to_bytes(import_mesh(file, wishes)))
+        write_durably(stored, to_bytes(with_tried_grasps(import_mesh(file, wishes))))
     return from_bytes(stored.read_bytes(), file.name)
 
 
 def _is_mended(item: Item, asset: Asset) -> bool:
-    """Return whether the import of a bad file is a good asset, from the known properties of the original."""
+    """Return whether a bad file was imported as a good asset, judged by the original's known properties."""
     if item.fault in ("leaking", "far parts"):
         return False
     if item.fault == "inverted faces":
@@ -271,7 +272,10 @@ def _is_mended(item: Item, asset: Asset) -> bool:
     expected = {"upside down": {"y": "-y", "z": "-z"}, "on its side": {"y": "z", "z": "y"}}.get(str(item.fault), {})
     found = str(asset.parameters["up"])
     if item.fault == "on its side":
-        return found.lstrip("-") == expected.get(str(item.up)) and _opens_upward(asset)
+        if item.name in OPEN_KINDS:
+            return found.lstrip("-") == expected.get(str(item.up)) and _opens_upward(asset)
+        ends = (found,) if item.name in ONE_END_UP else (found, found.lstrip("-"), f"-{found}")
+        return {"y": "z", "z": "-y"}[str(item.up)] in ends
     return found == expected.get(str(item.up))
 
 

@@ -128,7 +128,7 @@ def _lid_closed(asset: Asset, rng: Rng) -> Asset:
     opening, inside = asset.region("opening"), asset.region("inside")
     x, y, z = opening.position
     low = z - rng.uniform(0.003, 0.006)
-    if rng.random() < 0.3:  # the whole hollow is filled
+    if rng.random() < 0.3:  # the complete hollow is filled
         low = inside.position[2] - inside.half_size[2]
     lid = _hull(_disc((x, y), low, z, opening.half_size[0], opening.half_size[1]), asset.collision[0])
     return replace(asset, collision=(*asset.collision, lid))
@@ -310,9 +310,11 @@ FILE_FAULTS = (
     "wrong size given",
     "wrong axis given",
 )
-"""Faults that are planted in the file or in the options of the import of a mesh that this script makes."""
+"""Faults planted in a file or in its import options, for a mesh that this script makes."""
 
 OPEN_KINDS = frozenset({"mug", "bowl", "glass", "lunchbox"})
+ONE_END_UP = frozenset({"bottle", "jar", "plate"})
+"""Further kinds with a wrong end; a can or a notebook may be turned over."""
 VICTIMS: dict[str, frozenset[str]] = {
     "upside down": OPEN_KINDS | {"bottle", "jar"},
     "on its side": OPEN_KINDS | {"bottle", "jar", "can", "plate", "notebook"},

@@ -27,12 +27,12 @@ _GAP = 4  # between two pictures that belong together [pixel]
 
 @functools.cache
 def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Image:
-    """Return what the front camera of a policy sees at reset, with what a variation changed outlined.
+    """Return a policy's front camera view at reset, with a variation's changes outlined.
 
     Args:
         task_id: Task id.
-        condition: Name of a training condition; ``VARIATION`` for the test scene of a variation, and
-            ``VARIATION/before`` for the training scene it is derived from.
+        condition: Name of a training condition; ``VARIATION`` for a variation's test scene, and ``VARIATION/before``
+            for the training scene from which it is derived.
         seed: Seed.
         size: Side of the picture [pixel].
     """
@@ -49,7 +49,7 @@ def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Imag
 
 
 def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Image:
-    """Return a variation's training scene beside its test scene, same seed, each with sides of ``size`` pixels."""
+    """Return a variation's training scene next to its test scene with the same seed, each ``size`` pixels wide."""
     return row(_before_and_after(task, variation, seed=seed, size=size, shown=size))
 
 
@@ -81,7 +81,7 @@ def with_sentence(image: Image.Image, text: str) -> Image.Image:
 
 
 def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.Image:
-    """Return pictures of one size side by side, in rows of ``columns``."""
+    """Return equally sized pictures side by side, in rows of ``columns``."""
     columns = columns or len(images)
     width, height = images[0].size
     rows = -(-len(images) // columns)
@@ -94,7 +94,7 @@ def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.I
 def contact_sheet(tasks: Sequence[Task], *, seed: int, size: int = 256, shown: int = 168) -> Image.Image:
     """Return the pairs of all variations, one row per task, each under its id and its title.
 
-    Scenes are rendered with sides of ``size`` pixels and shown with sides of ``shown`` pixels.
+    Scenes are rendered with a side length of ``size`` pixels and shown with ``shown`` pixels.
     """
     return Image.fromarray(
         image_sheet(

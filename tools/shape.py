@@ -5,8 +5,8 @@ Examples:
     python tools/shape.py --against ../old         print each number before (../old) and after
     python tools/shape.py --write-docs --times     write the tables into docs/contributing.md
 
-The numbers are information and no targets: nothing fails because of them. How things are counted is said in
-``tools/code_measures.py``.
+The numbers are information, not targets: nothing fails because of them. ``tools/code_measures.py`` describes how
+everything is counted.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LONG = 60
 """A function of more lines is long."""
 
 TIMED_RUNS = 2
-"""Runs of each verb, of which the fastest counts: the first one may have to compile modules."""
+"""Number of runs per verb, of which the fastest counts: the first run may have to compile modules."""
 BEGIN, END = "<!-- shape:begin -->", "<!-- shape:end -->"
 PAGE = Path("docs/contributing.md")
 
@@ -39,7 +39,7 @@ class Measure:
     Attributes:
         name: What is counted.
         value: The number.
-        where: Where the number comes from, if one place or a few can be named.
+        where: Source of the number, if one or a few places can be named.
         unit: Written after the number.
     """
 
@@ -50,17 +50,18 @@ class Measure:
 
     @property
     def text(self) -> str:
-        """The number with its unit; whole numbers with separators of thousands."""
+        """The number with its unit; whole numbers have thousands separators."""
         return f"{self.value:,}{self.unit}" if isinstance(self.value, int) else f"{self.value:.1f}{self.unit}"
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose rows are named, so that two of them can be merged.
+    """A table with named rows, so that two tables can be merged.
 
     Attributes:
         title: Heading.
-        columns: Headings of the columns; the first is that of the row names, the second that of the number compared.
+        columns: Column headings; the first is the heading of the row names, the second the heading of the compared
+            number.
         rows: The cells of each row without its name.
     """
 
@@ -70,10 +71,10 @@ class Table:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print what the command line asks for.
+    """Print the tables that the command line requests.
 
     Args:
-        arguments: Command line without the program's name; that of the process if not given.
+        arguments: Command line without the program name; default: the process's command line.
 
     Returns:
         Exit status: 0, or 2 where a checkout cannot be measured.
@@ -114,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def summary(shape: Shape) -> list[Measure]:
-    """Return the numbers of the checkout as a whole."""
+    """Return the figures for the complete checkout."""
     code = sorted((f for f in shape.functions if not f.data), key=lambda f: -f.lines)
     long = [f for f in code if f.lines > LONG]
     longest = code[0] if code else Function("", 0, 0, data=False)
@@ -153,7 +154,7 @@ def tables_of(shape: Shape, root: Path, *, times: bool = False) -> list[Table]:
     Args:
         shape: What was measured in it.
         root: Its folder.
-        times: Whether to run the command line of the checkout for the table of start-up times.
+        times: Whether to run the checkout's command line for the table of start-up times.
     """
     tables = [
         _summary(shape),
@@ -196,7 +197,7 @@ def _packages(shape: Shape) -> Table:
 
 
 def merged(before: Table, after: Table) -> Table:
-    """Return one table with the number compared before and after; the further columns are those of ``after``."""
+    """Return one table with the compared number before and after; the other columns come from ``after``."""
     name, value, *rest = after.columns
     rows: dict[str, tuple[str, ...]] = {}
     for key in [*after.rows, *(k for k in before.rows if k not in after.rows)]:
@@ -214,7 +215,7 @@ def _start_up(root: Path) -> Table:
 
 
 def verbs(root: Path) -> list[str]:
-    """Return the verbs of the command line of a checkout, as its ``--help`` lists them in braces.
+    """Return the verbs of a checkout's command line, as its ``--help`` lists them in braces.
 
     Raises:
         ValueError: If the help has no such list.
@@ -285,10 +286,10 @@ def _markdown_row(cells: Sequence[str]) -> str:
 
 
 def write_docs(page: Path, text: str) -> None:
-    """Replace what stands between the two markers of a page.
+    """Replace the text between two markers on a page.
 
     Raises:
-        ValueError: If the page does not hold each marker once, the first before the second.
+        ValueError: If the page does not contain each marker once, the first before the second.
     """
     head, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, tail = rest.partition(END)

@@ -20,13 +20,13 @@ from betterbench.tasks.relations.relation import SHARED
 COLORS = {"left": (240, 140, 40), "right": (60, 130, 240), "behind": (60, 180, 90), "upper_right": (190, 80, 220)}
 SHOWN = (("desk_meeting", "laptop"), ("breakfast_table", "plate"))
 STEP_M = 0.002
-"""Distance of the points of the table that are asked for their side [m]; a pixel shows 2 to 3 mm."""
+"""Grid spacing of the table points whose side is determined [m]; a pixel shows 2 to 3 mm."""
 
 
 def view(task_id: str, anchor: str, size: int) -> Image.Image:
-    """Return the front view of a training scene with the sides of its anchor painted on the table.
+    """Return the front view of a training scene with its anchor's sides painted on the table.
 
-    The outline is the place into which the expert puts things.
+    The outline is the area in which the expert places objects.
     """
     task = get_task(task_id)
     scene = Scene(task, task.training[0], seed=0, action_space=EE_DELTA, quality=quality_preset("high"))

@@ -113,7 +113,7 @@ def task_page(task: Task) -> str:
         "",
         (
             "Each picture shows the training scene on the left and the test scene on the right for seed 0, seen by the "
-            "policy's front camera. What the intervention changed is outlined."
+            "policy's front camera. The change made by the intervention is outlined."
         ),
         "",
     ]
@@ -275,7 +275,7 @@ def _confounds(task: Task) -> list[str]:
         counts = ", ".join(f"the {kind} in {n} of {total}" for kind, n in trained.first_kinds)
         lines.append(f"Demonstrations begin with {counts} conditions.")
     orders = sorted({", then ".join(kinds) for kinds in trained.sequences})
-    lines.append(f"The only orders in which objects are handled: {'; '.join(orders)}.")
+    lines.append(f"Objects are handled only in these orders: {'; '.join(orders)}.")
     for kind, places in sorted(_goes_to(task).items()):
         if len(places) == 1:
             lines.append(f"The {kind} is always placed at the same target: {places[0]}.")
@@ -287,7 +287,7 @@ def _confounds(task: Task) -> list[str]:
 
 
 def _goes_to(task: Task) -> dict[str, list[str]]:
-    """Return where each kind of object was placed in training; empty if there is only one place."""
+    """Return where each object kind was placed in training; empty if there is only one place."""
     found: dict[str, set[str]] = {}
     for condition in task.training:
         for goal in condition.instruction.subgoals:

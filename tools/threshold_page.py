@@ -20,11 +20,11 @@ _SECTIONS = (
     ("The diagnosis", "diagnosis/thresholds.py", Path(betterbench.diagnosis.__file__).with_name("thresholds.py")),
     ("Relations", "tasks/relations", Path(betterbench.tasks.relations.__file__).parent),
 )
-"""Heading, name of the place, and the place of the thresholds of each section."""
+"""Heading, module name and module of each section's thresholds."""
 
 
 def write(out: Path) -> None:
-    """Write the page below the folder of the documentation."""
+    """Write the page into the documentation folder."""
     (out / "thresholds.md").write_text(page(), encoding="utf-8")
 
 

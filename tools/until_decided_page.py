@@ -1,7 +1,7 @@
-"""Figures of runs until decided: false alarms of honest policies, and the same verdicts with fewer trials.
+"""Figures for runs until decided: false alarms for honest policies, and the same verdicts with fewer trials.
 
 Run with ``python tools/until_decided_page.py``; it takes about three minutes and writes the tables into the page of the
-documentation. ``--runs`` reads the outcome table of the faulty policies again, from runs that hold training trials.
+documentation. ``--runs`` reads the faulty policies' outcome table again, from runs that contain training trials.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ TABLE = Path(__file__).with_name("until_decided_outcomes.json")
 MOST = 20
 """Trials per variation of the fixed design, and the most of the other one."""
 STRENGTHS = (1.0, 0.6, 0.3)
-"""Shares of trials in which the rule of a faulty policy applies, as in the calibration."""
+"""Fractions of trials in which a faulty policy's rule applies, as in the calibration."""
 REPEATS = 20
 """Runs of each faulty policy at each strength."""
 RULE = StoppingRule()
@@ -48,7 +48,7 @@ Counts = dict[str, dict[str, tuple[int, int]]]
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """The variations of the suite and their twins; ``planned`` is the number of trials of a plain ``better eval``."""
+    """The suite's variations and their twins; ``planned`` is the number of trials in a plain ``better eval``."""
 
     questions: tuple[Question, ...]
     planned: int
@@ -69,7 +69,7 @@ def whole_suite() -> Suite:
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """One run: by condition, whether each of the seeds was solved, and what was run of it until it was decided."""
+    """One run: by condition, whether each seed was solved, and which part of it was run until decided."""
 
     outcomes: Mapping[str, Sequence[bool]]
     verdicts: Mapping[str, Verdict]
@@ -121,7 +121,7 @@ def alarm_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
 
 
 def mixed_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
-    """Yield the share of wrong verdicts of policies that drop in some variations, averaged over so many suites."""
+    """Yield the share of wrong verdicts for policies that drop in some variations, averaged over some suites."""
     for number, (share, kept, lost) in enumerate([(0.1, 0.95, 0.05), (0.5, 0.95, 0.05), (0.2, 0.8, 0.3)]):
         generator = np.random.default_rng([61, number])
         dropping = round(share * len(suite.questions))
@@ -198,7 +198,7 @@ class Tally:
     trials: int = 0
 
     def add(self, suite: Suite, rates: Rates, run: Simulated) -> None:
-        """Count one run beside the fixed design on the same trials."""
+        """Compare one run with the fixed design on the same trials."""
         fixed = fixed_verdicts(suite, run.outcomes)
         self.runs += 1
         self.trials += run.trials

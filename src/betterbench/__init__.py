@@ -1,4 +1,4 @@
-"""betterbench: a diagnostic benchmark for the causes of failures of Vision-Language-Action policies.
+"""betterbench: a diagnostic benchmark that finds out why Vision-Language-Action policies fail.
 
 The public names are imported at first use, so importing the package takes no time. Modules that
 extend it (tasks, assets, relations, failure modes, learners) are listed in ``docs/reference/index.md``.
@@ -57,7 +57,7 @@ if not TYPE_CHECKING:
 
 
 def __dir__() -> list[str]:
-    """List the public names, including those that are not imported yet."""
+    """List the public names, including names that are not imported yet."""
     return sorted({*globals(), *__all__})
 
 

@@ -29,7 +29,7 @@ UNPRINTABLE = re.compile(
 def printable(text: str, *, most: int) -> str:
     """Return an external text without escape sequences and with bounded length, keeping line breaks.
 
-    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and those beyond the first ``most`` by their number.
+    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and characters beyond the first ``most`` by their number.
     """
     cut = len(text) - most
     if cut > 0:
@@ -50,7 +50,7 @@ def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return a text with characters that have no encoding, such as lone surrogates, escaped."""
+    """Return a text in which characters that have no encoding, such as lone surrogates, are escaped."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -68,7 +68,7 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return the place in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
+    """Return the location in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
     The result is the innermost place outside betterbench, the standard library and installed packages. The file is
     named without its folder, so the record of an error does not depend on the folder.
@@ -85,7 +85,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Return an exception of user code in one line: type, text and place."""
+    """Return an exception from user code in one line: type, text and location."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -209,11 +209,11 @@ class PolicyProcessError(PolicyError):
 
 
 class PolicyKilledError(PolicyError):
-    """The process of a policy was killed from outside. Its trial is repeated."""
+    """A policy's process was killed from outside. Its trial is repeated."""
 
 
 class ModelError(BetterError):
-    """A language model cannot be reached, refuses a request, or gives an unreadable answer."""
+    """A language model cannot be reached, rejects a request, or gives an unreadable answer."""
 
 
 class HandshakeError(BetterError):
@@ -221,7 +221,7 @@ class HandshakeError(BetterError):
 
 
 class PremiseError(BetterError):
-    """The scene at reset contradicts the premise of the instruction; the run must stop."""
+    """The scene at reset contradicts the instruction's premise; the run must stop."""
 
 
 class RunConflictError(BetterError):
@@ -249,11 +249,14 @@ class MissingDependencyError(BetterError):
 
 
 class GraphicsError(MissingDependencyError):
-    """A variable names an OpenGL back end or device that does not exist here; the message says what to set."""
+    """A variable names an OpenGL back end or device that does not exist on this machine.
+
+    The message says what to set.
+    """
 
 
 def system_error_text(problem: OSError) -> str:
-    """Return the message of an error of the operating system, with its path and a remedy, in one line."""
+    """Return an operating system error as a one-line message, with its path and a remedy."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__

@@ -1,10 +1,10 @@
 """Rigid-body geometry: poses, quaternions and rotations.
 
-Conventions of the whole project: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and
-the sign chosen so that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
+Project-wide conventions: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and the sign chosen so
+that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
 
 The functions work on plain Python floats. Predicates run once per control step, where a few float operations are
-several times faster than those on tiny arrays, and they give the same bits live and offline.
+several times faster than operations on tiny arrays, and they give the same bits live and offline.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Rotation of a tool that points straight down, as at home: half a turn about x."""
+"""Rotation of a tool that points straight down, as in the home pose: half a turn about x."""
 
 
 def normalize(q: Sequence[float]) -> Quaternion:
@@ -62,7 +62,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame in which both are given.
+    """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame of both arguments.
 
     Bit-identical to :func:`multiply` with :func:`conjugate`, including the signs of zeros, in half the time.
     """

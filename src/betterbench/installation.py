@@ -42,7 +42,7 @@ class Extra:
 
     Attributes:
         use: Purpose, in a few words.
-        modules: The modules that show whether it is installed.
+        modules: The modules that show whether the extra is installed.
     """
 
     use: str
@@ -151,7 +151,7 @@ def calibration_command() -> str:
 
 
 def requirements_of(extra: str) -> tuple[str, ...]:
-    """Return the requirements of an extra on this Python, in the format of installers ("torch>=2.10")."""
+    """Return an extra's requirements for this Python version, in the format used by installers ("torch>=2.10")."""
     listed = (text.partition(";") for text in importlib.metadata.requires(_NAME) or ())
     wanted = []
     for requirement, _, marker in listed:
@@ -162,7 +162,7 @@ def requirements_of(extra: str) -> tuple[str, ...]:
 
 
 def clone_folder() -> Path | None:
-    """Return the folder of the clone of this package; None if it was installed from a wheel."""
+    """Return the root folder of this package's clone; None if it was installed from a wheel."""
     folder = Path(__file__).resolve().parents[2]
     is_clone = (folder / "tools" / "setup_environment.py").is_file() and (folder / "pyproject.toml").is_file()
     return folder if is_clone else None
@@ -200,7 +200,7 @@ def as_started_here(text: str) -> str:
 
 
 def _script() -> Path | None:
-    """Return the script ``better`` of this installation: the running one, or that of its environment."""
+    """Return this installation's ``better`` script: the running script, or the script in its environment."""
     started = Path(sys.argv[0]) if sys.argv and sys.argv[0] else None
     if started is not None and started.name == "better" and started.is_file():
         return started.absolute()
@@ -223,7 +223,7 @@ def _installing(*words: str) -> str:
 
 
 def _uv() -> str | None:
-    """Return the installer uv: on the path, beside this Python, or in the clone."""
+    """Return the installer uv: on the path, next to this Python, or in the clone."""
     if shutil.which("uv"):
         return "uv"
     clone = clone_folder()
@@ -258,7 +258,7 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether a marker's bound on the Python version is met here; our extras have no other conditions."""
+    """Return whether this Python satisfies a marker's version bound; our extras have no other conditions."""
     bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
     own = (sys.version_info.major, sys.version_info.minor)
     return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -87,7 +87,7 @@ def read_form(
         where: File (and place in it) for the error.
         cure: Remedy for a wrong form, for the error.
         raises: Class of the error.
-        sealed: Whether a digest has confirmed the text, which allows skipping the slow check for duplicate keys.
+        sealed: Whether a digest has confirmed the text, so that the slow check for duplicate keys can be skipped.
 
     Raises:
         BetterError: Of the class ``raises``, if a field is missing, unknown, malformed or given twice; the message
@@ -141,7 +141,7 @@ def open_seal(
         where: File for the error.
         cure: Remedy for a changed document.
         raises: Class of the error.
-        since: Field with the version of the form, and the first version with a seal. Older documents, and those without
+        since: Field with the form's version, and the first version with a seal. Older documents, and documents without
             the field, are read with a warning. None if every document is sealed.
 
     Raises:
@@ -168,7 +168,7 @@ def open_seal(
 
 
 def sealed_lines(lines: bytes) -> bytes:
-    """Return lines of JSON with their seal as the last line: the SHA-256 of the other lines."""
+    """Return JSON lines with their seal as the last line: the SHA-256 of the other lines."""
     return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
 
 
@@ -195,7 +195,7 @@ _SAID: set[str] = set()
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a map of pairs; raise InvalidInputError for a duplicate key, for which readers differ.
+    """Return a dictionary from pairs; raise InvalidInputError for a duplicate key, which readers interpret differently.
 
     For ``object_pairs_hook`` of ``json.loads`` and similar functions.
     """
@@ -248,7 +248,7 @@ def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str
 
     Code that traverses a deeper value would fail elsewhere. Integers may have any size, as in JSON; for calculations,
     use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With ``number``,
-    numbers are converted by that function, and NaN and Infinity are refused.
+    numbers are converted by that function, and NaN and Infinity are rejected.
     """
     try:
         found = json.loads(
@@ -329,13 +329,13 @@ def open_ordinary(path: Path) -> io.BufferedReader:
 
 
 def read_ordinary(path: Path) -> bytes:
-    """Return the content of a file; raises the errors of :func:`open_ordinary`."""
+    """Return a file's content; raises the errors of :func:`open_ordinary`."""
     with open_ordinary(path) as file:
         return file.read()
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return the content of a file with a size limit. It does not wait for a pipe or a device.
+    """Return a file's content with a size limit. It does not wait for a pipe or a device.
 
     Raises:
         BetterError: Of the class ``raises``, if it is missing, not an ordinary file, too large or unreadable.
@@ -363,7 +363,7 @@ _MOST_OF_A_PROBLEM = 600
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the field of the first problem ("trials[3].label", empty for the whole), and the problem."""
+    """Return the field of the first problem ("trials[3].label", empty for the complete object), and the problem."""
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     field = one_line(field, most=_MOST_OF_A_FIELD)

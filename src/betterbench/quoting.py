@@ -1,9 +1,9 @@
 """Quoting of external texts, with one function per output format.
 
 A name in an untrusted data set, run, record, plan or answer may contain any characters. The output is read by a program
-(a shell, a browser, a spreadsheet, LaTeX), so each format has its rules, which are implemented once here. Lines of a
-terminal and of messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; file names
-that are read are refused rather than quoted (``betterbench.records``). Python source is written with ``repr``, YAML
+(a shell, a browser, a spreadsheet, LaTeX), so each format has its rules, which are implemented once here. Terminal
+lines and messages use :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; unsafe names of
+files to be read are rejected rather than quoted (``betterbench.records``). Python source is written with ``repr``, YAML
 strings with ``json.dumps``, and JSON for people with :func:`json_text`.
 """
 
@@ -35,7 +35,7 @@ class ShellText(str):
 
 
 def shell_word(value: object) -> str:
-    r"""Return a value as one word of a POSIX shell; only a :class:`ShellText` is left to the shell.
+    r"""Return a value as one word of a POSIX shell; only a :class:`ShellText` is left for the shell to interpret.
 
     Control characters are written as bytes (``$'\x1b'``, a form of bash), so a command can be printed.
 
@@ -67,21 +67,22 @@ def _shell_letter(letter: str) -> str:
 
 
 def _encoding_of(letter: str) -> str:
-    """Return the error handler that encodes a letter: as a byte of a file name that is not UTF-8, or as a surrogate."""
+    """Return the error handler that encodes a letter: as a byte in a file name that is not UTF-8, or as a surrogate."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
 
 
 # -------------------------------------------------------------------------------------------------------------- files
 LONGEST_NAME = 100
-"""Maximum characters of a default name, including the digest of a longer text. A file system allows 255 bytes, of which
-suffixes and the names of part files need some."""
+"""Maximum characters of a default name, including the digest of a longer text. A file system allows 255 bytes; suffixes
+and part file names need some of them.
+"""
 _DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
     """Return a name for a file or folder from a text, with ASCII letters, digits, ``-`` and ``.``, or another name.
 
-    It has at most :data:`LONGEST_NAME` characters: a longer one is cut and ends with a digest of the text, so that two
+    It has at most :data:`LONGEST_NAME` characters: a longer name is cut and ends with a digest of the text, so that two
     long texts with the same beginning have different names.
     """
     name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
@@ -93,7 +94,7 @@ def default_name(text: str, *, otherwise: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- pages
 def markup_text(text: str) -> str:
-    """Return a text as content or attribute of an HTML or XML element, printable and of bounded length."""
+    """Return a text as content or attribute of an HTML or XML element, printable and with bounded length."""
     return html.escape(printable(text, most=LONGEST_TEXT), quote=True)
 
 
@@ -134,7 +135,7 @@ def escaped_json(text: str) -> str:
 
 
 def json_line(canonical: bytes) -> bytes:
-    """Return a line of a file of JSON lines from the canonical bytes of its value."""
+    """Encode a canonical JSON value as one line of a JSON lines file."""
     return escaped_json(canonical.decode("utf-8")).encode("utf-8") + b"\n"
 
 
@@ -188,7 +189,7 @@ def _row(cells: Sequence[str]) -> str:
 
 # ------------------------------------------------------------------------------------------------------------- tables
 def csv_text(text: str) -> str:
-    """Return a text of bounded length for a cell of a CSV file that is not interpreted as a formula.
+    """Return a text with bounded length for a CSV cell that is not interpreted as a formula.
 
     A text that a spreadsheet would interpret gets a leading apostrophe (OWASP, "CSV Injection").
     """

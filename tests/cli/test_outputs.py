@@ -21,6 +21,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.demonstrations.shortcuts.strangers import make
+from tests.generation.better_release.writing import lunch, write_task
 
 from betterbench.cli.main import VERBS, main
 from betterbench.cli.verbs.evaluate import default_folder
@@ -79,6 +80,7 @@ def made(tmp_path_factory):
         questions=questions,
         mixture=mixture,
         catalogue=catalogue,
+        release=write_task(folder / "Picnic", lunch()),
         strange=make(folder / "strange", "plain", "word", count=12),
         url=f"http://127.0.0.1:{server.server_port}/v1",
         plan=plan + seen,
@@ -105,6 +107,7 @@ FOLDERS = {
     "shortcuts": (lambda made, out: ["shortcuts", str(made.strange), "--out", out], "shortcuts.md"),
     "generate": (lambda _, out: ["generate", "loose_packing", "--num", "2", "--out", out], "generate.json"),
     "recipe": (lambda _, out: ["recipe", "openpi", "--data", "sets/pi", "--out", out], "README.md"),
+    "import-better": (lambda made, out: ["import-better", str(made.release), "--out", out], "audit.md"),
 }
 LONG = {
     "calibrate": lambda _, out: ["calibrate", "--tasks", "fast_food", "--out", out],

@@ -101,15 +101,15 @@ def test_a_stale_matrix_is_named_with_its_cure(versions):
 
 
 def test_no_matrix_and_a_spoilt_one_are_named_and_nothing_breaks(monkeypatch):
-    monkeypatch.setattr(standing_module, "packaged_power_matrix", lambda: None)
+    monkeypatch.setattr(standing_module, "power_matrix_of", lambda _: None)
     found = standing_of(run(LIKE_LEXICAL))
     assert "no power matrix" in found.notice
     assert found.covered == Rate(0, 20)
 
-    def spoilt() -> None:
+    def spoilt(_tasks: object) -> None:
         raise RecordError("power.json is not JSON")
 
-    monkeypatch.setattr(standing_module, "packaged_power_matrix", spoilt)
+    monkeypatch.setattr(standing_module, "power_matrix_of", spoilt)
     assert "cannot be read" in standing_of(run(LIKE_LEXICAL)).notice
 
 

@@ -73,7 +73,7 @@ def test_a_certified_task_is_part_of_a_suite_that_can_be_read(build, tmp_path: P
     assert sorted(suite.tasks) == sorted(r.task_id for r in built.results)
     for task in suite.tasks:
         text = (built.suite / "tasks" / f"{task}{COMPANION_SUFFIX}").read_text()
-        assert read_demonstrations(text, task).tasks[task].solved == 4
+        assert read_demonstrations(text, task).tasks[task].solved >= 4
     coverage = load_coverage(built.suite / "certificate.json")
     ids = [TrialId(r.task_id, "train1", seed) for r in built.results for seed in (0, 1)]
     versions = {r.task_id: 1 for r in built.results}
@@ -107,12 +107,31 @@ def test_other_slots_are_tried_when_training_fails(build) -> None:
     assert len(runs) == 2
 
 
+def test_more_demonstrations_are_measured_when_a_pose_is_outside_of_training(monkeypatch, tmp_path: Path) -> None:
+    numbers: list[int] = []
+
+    def prove(task: Task, seeds: int, demonstrations: int, **_: object) -> Proof:
+        numbers.append(demonstrations)
+        proof = proven(failing(), [])(task, seeds, demonstrations)
+        outside = proof.trials[0].clauses | {"b": Clause(len(numbers) > 1, "released 12 mm above")}
+        return dataclasses.replace(
+            proof, trials=(dataclasses.replace(proof.trials[0], clauses=outside), *proof.trials[1:])
+        )
+
+    monkeypatch.setattr(attempts_module, "prove", prove)
+    (result,) = build_suite([PACKING], tmp_path / "out", name="kitchen", settings=Settings(2, 4)).results
+    assert result.certified
+    assert result.attempts[-1].change == "three times the demonstrations"
+    assert numbers == [4, 12]
+
+
 def test_what_cannot_be_certified_is_refused_with_everything_that_was_tried(build, tmp_path: Path) -> None:
     built, _ = build([PACKING], failing("train1"))
     (result,) = built.results
     assert not result.certified
     assert built.suite is None
-    assert [a.change for a in result.attempts] == [change for change, _, _ in attempts_module.CHANGES]
+    words = [change.words for change in attempts_module.CHANGES if change.demonstrations == 1]
+    assert [a.change for a in result.attempts] == words
     assert all(a.reason for a in result.attempts)
 
 

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 from tests.generation.casting import CASTS, SUITE
-from tests.generation.test_patterns import registered
+from tests.generation.test_fixture_patterns import registered
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene

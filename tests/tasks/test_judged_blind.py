@@ -39,6 +39,7 @@ HELD_OUT = _scenes("judged_held_out.txt")
 BY_CHANCE = _scenes("judged_by_chance.txt")
 HARM = _scenes("judged_harm.txt")
 AGAIN = _scenes("judged_again.txt")
+THIRD = _scenes("judged_third.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -129,4 +130,20 @@ def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
         ("breakfast_table/O2", "cup > plate"),  # 7 cm from the plate, and mostly behind it
         ("desk_meeting/train9", "mouse > laptop"),  # upside down, which the judges did not see
         ("desk_meeting/O1", "-"),  # a soap bar turned by 56 degrees
+    ]
+
+
+def test_a_third_set_differs_at_borders_and_for_cutlery_that_is_turned():
+    """Five of 65 differ, listed in docs/sides.md. Of those with three sure judges, only an upside-down fork does."""
+    disagreed = [scene for scene in THIRD if accepts(scene) is not scene.accepted]
+    assert len(THIRD) == 65
+    assert [(s.setting, s.pair) for s in disagreed if s.kind.endswith(", sure")] == [
+        ("breakfast_table/L1", "fork > plate")
+    ]
+    assert sorted((s.setting, s.pair) for s in disagreed) == [
+        ("breakfast_table/L1", "fork > plate"),  # upside down
+        ("breakfast_table/train2", "spoon > plate"),  # upside down
+        ("breakfast_table/train3", "cup > plate"),  # low for "upper right"
+        ("breakfast_table/train6", "spoon > plate"),  # reversed
+        ("morning_coffee/train4", "blue_mug > coffee_machine"),  # 2 cm beside the ring's middle
     ]

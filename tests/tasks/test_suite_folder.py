@@ -103,3 +103,19 @@ def test_commands_take_the_folder(suite, tmp_path):
     shown = json.loads(subprocess.run(said, capture_output=True, text=True, check=True, env=alone).stdout)
     assert {trial["task"] for trial in shown["trials"]} == {"shared_fruit_lunch"}
     shutil.rmtree(suite)
+
+
+def test_files_of_the_folder_belong_to_its_tasks_alone(suite):
+    """In a process of its own, because loaded tasks stay registered."""
+    (suite / "power.json").write_text("{}")
+    code = (
+        "import sys; from pathlib import Path; from betterbench.tasks import suite_tasks; "
+        "from betterbench.tasks.user_files import suite_file; tasks = suite_tasks(sys.argv[1]); "
+        "print(suite_file(tasks, 'power.json'), suite_file(tasks[:1], 'power.json'), "
+        "suite_file(tasks, 'certificate.json'), suite_file([*tasks, 'fast_food'], 'power.json'), "
+        "suite_file(['fast_food'], 'power.json'), suite_file([], 'power.json'))"
+    )
+    words = [sys.executable, "-c", code, str(suite)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(suite / "power.json")] * 2 + ["None"] * 4

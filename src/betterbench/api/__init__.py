@@ -4,5 +4,5 @@
 - ``report``: the report of runs, with films rendered from their records.
 - ``environments``: tasks as environments, including the tasks of user files.
 
-The public names are those of :mod:`betterbench`, which imports them at first use.
+The public names are the same as in :mod:`betterbench`, which imports them at first use.
 """

@@ -23,7 +23,7 @@ def make_env(
     """Return one task as a Gymnasium environment without a wrapper; ``gymnasium.make`` adds its wrappers.
 
     Args:
-        task: Id of the task ("fast_food").
+        task: Task id ("fast_food").
         variation: Variation ("T1") or training condition ("train2"); the first training condition if not given.
         observation: Observation preset; "state_only" renders no images.
         action_space: Action space.
@@ -67,6 +67,6 @@ def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
     Each is loaded once, also in worker processes. Tasks then use their assets by name.
 
     Raises:
-        InvalidInputError: If a folder is missing or holds no imported assets.
+        InvalidInputError: If a folder is missing or contains no imported assets.
     """
     user_files.load_asset_folders([folders] if isinstance(folders, str | Path) else folders)

@@ -35,7 +35,7 @@ from betterbench.vqa.knowing import read_knowledge
 logger = logging.getLogger(__name__)
 
 THUMBNAIL_PX = 200
-"""Side of the images on the cards of variations [px]."""
+"""Image size on the variation cards [px]."""
 
 FILMS = 40
 """Default maximum number of trials shown as films."""
@@ -55,7 +55,7 @@ class ReportListener:
 
     Attributes:
         say: Function that takes a one-line message.
-        warn: Function that takes the warning that films cannot be rendered here.
+        warn: Callback that receives the warning that films cannot be rendered on this machine.
         bar: Context manager for a named step, which yields a callback for progress (done, total).
     """
 
@@ -65,7 +65,7 @@ class ReportListener:
 
 
 class BuiltReport(NamedTuple):
-    """The page of a report, and a one-line verdict on each of its runs."""
+    """Path of a report page, with a one-line verdict on each of its runs."""
 
     page: Path
     verdicts: tuple[str, ...]
@@ -136,12 +136,12 @@ def write_report(
 
     Args:
         *runs: The runs, or their folders.
-        out: Folder of the report; ``report`` in the folder of the first run if not given.
-        names: Name of each run on the page, in the order of the runs; the name of its policy if not given.
+        out: Report folder; default: ``report`` in the first run's folder.
+        names: Each run's name on the page, in run order; default: its policy's name.
         twins: For runs in LIBERO-PRO: folders of the base suite's runs by the same policies, one for each run.
-        latex: Whether to write LaTeX tables too.
+        latex: Whether to write LaTeX tables as well.
         films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
-        overwrite: Whether to write to a folder that contains other files.
+        overwrite: Whether to write into a folder that contains other files.
 
     Raises:
         InvalidInputError: If no run is given, a number is out of range, or names or twins do not match the runs.
@@ -173,7 +173,7 @@ def report_into(
     overwrite: bool = False,
     listener: ReportListener = ReportListener(),
 ) -> BuiltReport:
-    """Build a report in a folder, by default in that of the first run; see :func:`build_report`.
+    """Build a report, by default in the first run's folder; see :func:`build_report`.
 
     Raises:
         InvalidInputError: If no run is given.
@@ -197,7 +197,7 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
     """Render films of at most ``films`` trials, over all runs, and one image of each other failure.
 
-    In LIBERO no path is drawn, because the pose of its camera is not recorded.
+    In LIBERO no path is drawn, because its camera's pose is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
@@ -263,7 +263,7 @@ def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
 def _paths(
     run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis], listener: ReportListener
 ) -> dict[str, bytes]:
-    """Return the start image with the path of each trial, and of its twin if the run has its record."""
+    """Return the start image with the path of each trial, and the twin's path if the run has the twin's record."""
     if not failed:
         return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
@@ -282,7 +282,7 @@ def _paths(
 def _thumbnails(
     run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thumbnails], listener: ReportListener
 ) -> dict[str, Thumbnails]:
-    """Return the missing scene images of variations: one trial at reset, beside its twin."""
+    """Return the missing scene images of variations: each shows one trial at reset next to its twin."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     chosen: dict[str, TrialDiagnosis] = {}
     for trial in diagnosis.trials:

@@ -52,24 +52,24 @@ def evaluate(
     trials, including the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better eval``.
 
     Args:
-        policy: Address of a policy ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
+        policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
             see ``better list policies``), or your own instance, which answers in this process.
-        tasks: Tasks to run; all of better60 if none is named.
-        variations: Variations to run ("L1", "fast_food/T1"); all if none is named.
+        tasks: Tasks to run; default: all of better60.
+        variations: Variations to run ("L1", "fast_food/T1"); default: all.
         trials: Trials per variation.
         seed: First seed.
-        out: Folder of the run; ``runs/POLICY`` if not given.
+        out: Run folder; ``runs/POLICY`` if not given.
         action_space: Action space of the policy; if not given, from its ``info``, or ee_delta for an address.
         observation: Observation preset.
         quality: Render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
-        until_decided: Whether to stop a variation once its verdict is certain; ``trials`` is then the maximum.
-        workers: Worker processes, for an address; None for one per processor. A script with more than one worker needs
-            ``if __name__ == "__main__":``, because each worker imports it again.
-        policy_timeout_s: Deadline of an answer of a policy that is not on a server [s].
+        until_decided: Whether to stop a variation as soon as its verdict is certain; ``trials`` is then the maximum.
+        workers: Number of worker processes, for an address; None for one per processor. A script with more than one
+            worker needs ``if __name__ == "__main__":``, because each worker imports it again.
+        policy_timeout_s: Deadline for an answer from a policy that does not run on a server [s].
         certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.
-        uncertified: Whether to run trials that no certificate covers, too.
-        allow_changed_policy: Whether to resume although the policy's declarations have changed since the run began.
+        uncertified: Whether to also run trials that no certificate covers.
+        allow_changed_policy: Whether to resume even if the policy's declarations have changed since the run began.
         on_progress: Called at the start and after every trial.
 
     Raises:
@@ -126,12 +126,12 @@ def diagnose(
     allow_mixed: bool = False,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Diagnose every trial of a run from its records only; nothing is written.
+    """Diagnose every trial of a run from its records only, without writing anything.
 
     Args:
         run: The run, or its folder. An unfinished run can be diagnosed too.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials are the twins.
-        allow_mixed: Whether to diagnose records of several versions, engines or policies together.
+        allow_mixed: Whether to diagnose records with different versions, engines or policies together.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
     Raises:
@@ -157,14 +157,14 @@ def compare(
 
     Args:
         *runs: Two or more runs, their folders, or files of ``better export``.
-        names: Names of the runs, in the same order; the names of their policies if not given.
+        names: Run names, in the same order; by default the policy names.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: Whether to add tests that stay valid however often you look at unfinished runs.
-        allow_mixed: Whether to compare runs of different versions or engines anyway.
+        sequential: Whether to add tests that remain valid no matter how often you look at unfinished runs.
+        allow_mixed: Whether to compare runs even if their versions or engines differ.
 
     Raises:
-        InvalidInputError: If an argument is out of range, the runs have no common trials, or they are of several
-            suites.
+        InvalidInputError: If an argument is out of range, the runs have no common trials, or the runs belong to
+            different suites.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If versions or engines differ and that is not allowed.
     """

@@ -1,6 +1,6 @@
 """Pages in the browser that viser serves on this machine, protected by a token in their address.
 
 - ``server``: the server, its address, its elements and its end.
-- ``gate``, ``incoming``: who may connect, and which messages are accepted.
+- ``gate``, ``incoming``: access control, and a filter for incoming messages.
 - ``keys``: pressed keys and gamepads, as the script of the page (``page.js``) sends them.
 """

@@ -1,4 +1,4 @@
-"""Access control of the page: the gate rejects requests without the token of the address, or from another site.
+"""Access control for the page: the gate rejects requests that lack the address token or come from another site.
 
 The token is the first part of the path. The page's own connection uses the same address and therefore also contains the
 token. A cookie, which a server on another port could read, is not needed.
@@ -33,7 +33,7 @@ _UNREADABLE = "This request cannot be read.\n"
 
 
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
-    """Return the answer of the inner server, or a refusal if the inner server raises an error.
+    """Return the inner server's answer, or a rejection if the inner server raises an error.
 
     Otherwise, a duplicated header or a path with invalid bytes would cause a traceback of the server.
     """
@@ -44,10 +44,10 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
 
 
 class Gate:
-    """Filter of requests: only those with the token and from the page itself are admitted.
+    """Request filter: only requests with the token and from the page itself are admitted.
 
     Attributes:
-        token: Token at the beginning of the path of each request.
+        token: Token at the beginning of every request path.
         is_closed: Whether a server is protected by the gate. A server without it must not be used.
     """
 
@@ -66,7 +66,7 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the path of an admitted request; None for a refused one."""
+        """Return the path of an admitted request; None for a rejected one."""
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None

@@ -1,4 +1,4 @@
-"""Filter of incoming messages: only the message types of the page reach viser.
+"""Filter for incoming messages: only the page's message types reach viser.
 
 viser sets any property of any element from a message, and calls any function that a message names. A wrong value would
 end the session or lock out later pages, and one message would publish the page on the internet. Each message is
@@ -20,7 +20,7 @@ LARGEST = 1e6
 LEFT_OUT = "an unexpected message of the page was ignored; reload the page"
 
 InputKind = Literal["button", "number", "text"]
-"""Type of the value of a panel element."""
+"""Type of a panel element's value."""
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _Vector = Annotated[list[_Number], Field(min_length=3, max_length=3)]
@@ -78,7 +78,7 @@ class IncomingMessages:
     """Rules for accepted messages. A server without them must not be used."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
-        """Refuse messages for panel elements until they are registered; ``complain`` gets reports of refusals."""
+        """Reject messages for panel elements until they are registered; ``complain`` gets reports of rejections."""
         self._complain = complain
         self._kinds: dict[str, InputKind] = {}
 
@@ -120,7 +120,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """Wrapper of a connection that yields only accepted messages."""
+    """Connection wrapper that yields only accepted messages."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming

@@ -1,4 +1,4 @@
-"""Pressed keys and gamepads of a page: the script that sends them, and the form of its messages."""
+"""Pressed keys and gamepads of a page: the script that sends them, and the message format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """Message of the page: keys held, count of each tap since the page was opened, and axes in [-1, 1]."""
+    """Message from the page: keys held, number of taps per key since the page was opened, and axes in [-1, 1]."""
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
     taps: dict[_Key, Annotated[int, Field(ge=0)]] = {}
@@ -57,12 +57,12 @@ def script_element(
 ) -> str:
     """Return an element that runs the script of the page as soon as it is shown.
 
-    viser does not support scripts, and those in its HTML elements are not run, but the error handler of an image is.
+    viser does not support scripts, and scripts in its HTML elements are not run, but an image's error handler is.
 
     Args:
-        taps: Name of the action of each key that acts once, by the key's code.
+        taps: Action name for each key that triggers a single action, by key code.
         held: Codes of the keys that act while they are held.
-        gamepad: Name of the action of each button of a standard gamepad; None ignores gamepads.
+        gamepad: Action name for each button of a standard gamepad; None ignores gamepads.
     """
     source = resources.files("betterbench.browser").joinpath("page.js").read_text()
     for name, value in (("PUSH_KEYS", list(held)), ("TAP_KEYS", dict(taps)), ("BUTTONS", gamepad), ("MARK", MARK)):

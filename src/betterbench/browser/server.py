@@ -49,7 +49,7 @@ class PageServer:
 
     Attributes:
         viser: The viser server.
-        port: Port on which it listens.
+        port: Port on which the server listens.
     """
 
     def __init__(self, *, host: str, port: int, verb: str, complain: Callable[[str], None]) -> None:
@@ -57,7 +57,7 @@ class PageServer:
 
         Args:
             host: Interface.
-            port: Port; any free one for 0.
+            port: Port; 0 for any free port.
             verb: Command of the page ("better teleop").
             complain: Receives reports of rejected messages.
 
@@ -87,13 +87,13 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token."""
+        """The page address, with its token."""
         name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
         return f"http://{name}:{self.port}/{self._gate.token}"
 
     @property
     def is_local(self) -> bool:
-        """Whether the server listens on this machine only."""
+        """Whether the server listens only on this machine."""
         return self._host in ("127.0.0.1", "localhost", "::1")
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's

@@ -1,4 +1,4 @@
-"""Chance: the success rate of guessing the instruction of a variation."""
+"""Chance: the success rate of guessing a variation's instruction."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.tasks.interventions import vary
 
 
 def chance_of(task_name: str, name: str) -> float:
-    """Return the success rate of guessing the instruction of a variation among the possible instructions in its scene.
+    """Return the success rate of guessing a variation's instruction among those that are possible in its scene.
 
     Instructions with the same objects and targets in this scene, such as "the red mug" and "the bottom mug", are all
     right guesses. An instruction that begins with all requested steps and continues is also right, because the trial

@@ -1,4 +1,4 @@
-"""Policies of a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
+"""Policies used in a calibration: the expert, and faulty policies at several strengths and levels of action noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """One policy of a calibration, with its number of trials and its seed."""
+    """One policy in a calibration, with its number of trials and its seed."""
 
     address: Address
     trials: int

@@ -31,13 +31,15 @@ RULE_TRIALS = 6
 GUESS_TRIALS = 14
 """Minimum number of trials without language.
 
-A guess with a chance of one in three is then right in more than half of the trials in 6 % of the cells (with 7 trials,
-in 17 %).
+A guess with a one-in-three chance is then right in more than half of the trials in 6 % of the cells (with 7 trials, in
+17 %).
 """
 STILL_TRIALS = 2
 """Trials of the policy that never moves, which are all alike."""
 MOST_CHANCE = 0.9
-"""Largest chance level for which the number of trials is computed; a single possible instruction is always guessed."""
+"""Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it
+always succeeds.
+"""
 ALPHA = 0.05
 
 _NO_LANGUAGE = BLIND[0]
@@ -45,7 +47,7 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """Number of trials of each pretender on each variation; seeds begin at 0.
+    """Number of trials per pretender and variation; seeds begin at 0.
 
     Attributes:
         of: Number of trials by pretender and variation; the expert's number is the largest that any rule needs.
@@ -88,7 +90,8 @@ def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, p
     suite = [get_task(name) for name in suite_tasks("better60")]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
     keys = [(task.id, v.name) for task in chosen for v in task.variations]
-    # The number of cells is that of the whole suite even if few tasks are measured, so that the trials stay the same.
+    # The number of cells always refers to the full suite, even if only a few tasks are measured, so the trials stay the
+    # same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}
     rules = {name: dict.fromkeys(keys, rule_trials) for name in witnessed() if name not in BLIND}
@@ -119,7 +122,7 @@ def measure_power(
     The same call resumes where it stopped. Trials that a rule shares with the expert are done immediately.
 
     Raises:
-        RunConflictError: If a folder holds another run.
+        RunConflictError: If a folder contains another run.
         RecordError: If a record cannot be read, or a trial broke down outside its policy.
     """
     total, before = planned.total, 0
@@ -153,7 +156,7 @@ def measure_power(
 
 
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
-    """Return the plan of one pretender: its trials of variations, except those with a known outcome."""
+    """Return the plan for one pretender: its variation trials, except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
     plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), observation="state_only")
     kept = tuple(

@@ -24,7 +24,7 @@ class CalibrationProgress:
 
 
 def plan_of(entry: CalibrationPolicy, tasks: Sequence[str]) -> Plan:
-    """Return the plan of one policy of a calibration."""
+    """Return the plan for one policy in a calibration."""
     return make_plan(str(entry.address), tasks=tasks, trials=entry.trials, seed=entry.seed, observation="state_only")
 
 
@@ -39,7 +39,7 @@ def calibrate(
     """Run the policies, diagnose the records, and compare the labels with the true labels.
 
     Raises:
-        RunConflictError: If a folder holds another run.
+        RunConflictError: If a folder contains another run.
         InvalidInputError: If a number is out of range.
         RecordError: If a record cannot be read.
     """
@@ -57,7 +57,7 @@ def run_plans(
     """Run plans, each in a named folder below ``out``. The same call resumes.
 
     Raises:
-        RunConflictError: If a folder holds another run.
+        RunConflictError: If a folder contains another run.
     """
     total = sum(len(plan.trials) for plan in plans.values())
     before = 0
@@ -96,7 +96,8 @@ def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
 def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
         truth = said.get(trial.trial_id)
-        # a trial that broke down outside the policy has no ground truth; the run reports and repeats such trials
+        # a trial that failed because of an error outside the policy has no ground truth; the run reports such trials
+        # and repeats them
         if truth is None or truth.get("left_out"):
             continue
         why = trial.evidence

@@ -1,4 +1,4 @@
-"""True label of a faulty policy's trial, from its decisions and the success of the trial."""
+"""True label of a faulty policy's trial, from the policy's decisions and the trial's success."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from betterbench.tasks import Expected
 
 
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
-    """Return the true label of a trial of a faulty policy.
+    """Return the true label of a faulty policy's trial.
 
     A trial whose goal is met is a success regardless of the decisions. Otherwise, the first wrong decision determines
     the label. If every decision was right, only the manipulation can have failed.
 
     Args:
         ground_truth: Ground truth that the policy wrote to the journal about its episode.
-        expected: Behavior of a policy that understood the instruction: "succeed", "refuse" or "stay_still".
-        success: Whether the trial succeeded, by the goal tracker that ran in the episode.
+        expected: Behavior of a policy that understands the instruction: "succeed", "refuse" or "stay_still".
+        success: Whether the trial succeeded according to the goal tracker that ran during the episode.
 
     Raises:
         RecordError: If the policy reported no ground truth.

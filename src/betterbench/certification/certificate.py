@@ -37,22 +37,23 @@ class Clause:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialCertificate:
-    """Findings of the examination of one trial.
+    """Findings from the examination of one trial.
 
     Attributes:
         condition: Name of the variation or of the training condition.
         clauses: Finding per clause, "a" to "e".
         steps: Control steps that the expert used.
-        penetration_mm: Deepest overlap of an object with anything in the initial state [mm], 0 if nothing overlaps.
+        penetration_mm: Deepest overlap between an object and anything else in the initial state [mm], 0 if nothing
+            overlaps.
         drift_mm: Largest motion of an untouched object in the first 0.2 s [mm].
-        joint_margin_rad: Smallest distance of an arm joint to its limit in the grasps planned for clause (d) [rad];
-            None if none was planned.
-        support_slack_mm: Smallest distance of a pick or a target to the border of its jitter region [mm]; None if the
+        joint_margin_rad: Smallest distance between an arm joint and its limit in the grasps planned for clause (d)
+            [rad]; None if none was planned.
+        support_slack_mm: Smallest distance from a pick or a target to the border of its jitter region [mm]; None if the
             expert touched nothing.
-        watched: Whether the right behavior is to touch nothing; every episode then lasts until the step limit.
+        watched: Whether touching nothing is the correct behavior; every episode then lasts until the step limit.
         primitives: Primitives of the expert's episode, one phrase each.
         expert_s: Wall time of the expert's episode [s].
-        total_s: Wall time of the whole examination [s].
+        total_s: Wall time of the complete examination [s].
     """
 
     task: str
@@ -89,14 +90,14 @@ class TrialCertificate:
 
     @property
     def key(self) -> TrialId:
-        """Name of the trial."""
+        """Trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """Versions on which a certificate depends, in addition to the seeds.
+    """Versions that, in addition to the seeds, determine a certificate.
 
     The suite version determines the random streams.
 
@@ -123,7 +124,7 @@ class Certificate:
 
     Attributes:
         platform: Machine and operating system of the certification.
-        trials: All trials, in the order of the plan.
+        trials: All trials, in plan order.
         wall_s: Wall time of all sessions together [s].
         workers: Worker processes of the last session.
     """
@@ -161,7 +162,7 @@ class Certificate:
         return form
 
     def sealed_json(self) -> dict[str, Any]:
-        """Return the content of its file: the JSON form with the file version and a checksum."""
+        """Return its file's content: the JSON form with the file version and a checksum."""
         return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod
@@ -183,10 +184,10 @@ class Summary:
 
     Attributes:
         n: Number of trials.
-        passed: Number of trials on which all clauses are fulfilled.
-        clauses: Number of trials on which each clause is fulfilled.
-        steps_share: Largest share of the step limit that the expert used, among solved trials; None if it solved none,
-            or if episodes always last until the limit.
+        passed: Number of trials in which all clauses are fulfilled.
+        clauses: Number of trials in which each clause is fulfilled.
+        steps_share: Largest fraction of the step limit that the expert used, among solved trials; None if it solved
+            none, or if episodes always last until the limit.
         notes: Remarks on clauses without repetitions, each with an example seed.
     """
 

@@ -1,4 +1,4 @@
-"""Coverage: the trials that a certificate covers, in a file that is small enough to be packaged with the suite."""
+"""Coverage: the trials that a certificate covers, stored in a file small enough to ship with the suite."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Seeds:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Certified seeds of each condition ("fast_food/L1"), and the versions under which they were certified."""
+    """Certified seeds for each condition ("fast_food/L1"), and the versions with which they were certified."""
 
     versions: CertificateVersions
     conditions: Mapping[str, Seeds]
@@ -73,8 +73,8 @@ class Coverage:
     def of(cls, certificate: Certificate) -> Coverage:
         """Return the coverage of a certificate.
 
-        A trial is covered if clauses (b) to (e) are fulfilled and the expert solves it, or at least 95 % of the trials
-        of its condition.
+        A trial is covered if clauses (b) to (e) are fulfilled and the expert solves it, or at least 95 % of its
+        condition's trials.
         """
         groups: dict[str, list[Any]] = {}
         for t in certificate.trials:
@@ -181,7 +181,7 @@ _COVERAGE = TypeAdapter(Coverage)
 
 
 def _minor(version: str) -> str:
-    """Return major and minor version, because contacts, and thus scores, change between minor versions."""
+    """Return major and minor version, because contacts, and therefore scores, change between minor versions."""
     return ".".join(version.split(".")[:2])
 
 

@@ -1,4 +1,4 @@
-"""Measurement of demonstrations: release points and final poses of objects in the training conditions."""
+"""Measurement of demonstrations: release points and final object poses in the training conditions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_POSES = 12
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """One placement of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
+    """One placement from a demonstration, in the file's units; see ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -53,15 +53,15 @@ class Demonstration:
 
     @property
     def key(self) -> TrialId:
-        """Name of the trial."""
+        """Trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return the demonstrations of a task to measure, cycling through its training conditions.
+    """Return a task's demonstrations to measure, cycling through its training conditions.
 
-    Returns:
-        The demonstrations without pre-placed objects, and the demonstrations that begin in final states of the former.
+    Returns: First the demonstrations without pre-placed objects, then the demonstrations that begin in their final
+        states.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -109,7 +109,7 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Return the measurements from the demonstrations of a task; unsolved demonstrations are ignored."""
+    """Return the measurements from a task's demonstrations; unsolved demonstrations are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}
@@ -133,7 +133,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
 
 
 def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
-    """Return sorted heights, skipping those within half a millimeter of the previous one."""
+    """Return sorted heights, skipping each height within half a millimeter of the previous one."""
     kept: list[float] = []
     for height in sorted(heights_mm):
         if not kept or height > kept[-1] + 0.5:

@@ -137,7 +137,7 @@ def _at_rest(scene: Scene) -> _Start:
 
 
 def _penetration(scene: Scene) -> tuple[float, str]:
-    """Return the largest overlap of an object with another body [m], and the names of the pair."""
+    """Return the largest overlap between an object and another body [m], and the names of the pair."""
     contact = scene.data.contact
     names, n = scene.body_names, len(scene.info.objects)
     deepest, where = 0.0, ""
@@ -163,7 +163,7 @@ def _premise(condition: Condition, state: WorldState) -> Clause:
 
 
 def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return the objects that an instruction can refer to and that are not at their goal yet."""
+    """Return the objects that an instruction can refer to and that are not yet at their goal."""
     names: dict[str, None] = {}
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):
@@ -179,7 +179,7 @@ def _shut_targets(condition: Condition) -> tuple[str, ...]:
 
 
 def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp of each requested object; return why it failed (or None) and the smallest joint margin [rad]."""
+    """Plan a grasp of each instructed object; return why it failed (or None) and the smallest joint margin [rad]."""
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
     low, high = np.asarray(scene.compiled.robot.joint_low), np.asarray(scene.compiled.robot.joint_high)
     reasons: dict[str, str | None] = {}
@@ -266,7 +266,7 @@ def _expert(scene: Scene) -> _Episode:
 
 
 def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
-    """Return the reason for which the expert's episode was not solved."""
+    """Return the reason why the expert's episode was not solved."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]

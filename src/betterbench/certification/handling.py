@@ -1,4 +1,4 @@
-"""Handling: the picks, puts and slides of an episode, derived from its states instead of the policy's report.
+"""Handling: the picks, puts and slides in an episode, derived from its states rather than from the policy's report.
 
 A **pick** has the last pose of the object at rest before the gripper touched it. A **put** has the release point and
 the resulting relation of the object to a target. A **slide** is a motion of a drawer along its rails. A **pre-placed**
@@ -35,9 +35,9 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Release point of an object: height of its base above the table, and position of the base at the target [m].
+    """Release point of an object: height of the object's base above the table, and the base position at the target [m].
 
-    The position is in the frame of the target, relative to the center of the target region.
+    The position is in the target's frame, relative to the center of the target region.
     """
 
     height_m: float
@@ -51,15 +51,15 @@ class Put:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset.
-        relation: Name of the relation to its target, or None if it was lost on the way.
+        asset: Identity of the object's asset.
+        relation: Relation name to its target, or None if it was lost on the way.
         region: Region of the target, if it has several.
         slot: Slot of the target or of its support; None if there is none.
-        level: Number of objects below it down to the slot; the mount of a drawer does not count.
+        level: Number of objects below this one, down to the slot; a drawer's mount is not included.
         pose: Pose ``T_world_object`` at rest.
-        target_asset: Identity of the asset of the target.
-        target_pose: Pose of the center of the target region at that time, ``T_world_middle``; equals ``pose`` if there
-            is no target.
+        target_asset: Identity of the target's asset.
+        target_pose: Pose of the target region's center at that time, ``T_world_middle``; equals ``pose`` if there is no
+            target.
         release: Release point.
     """
 
@@ -86,7 +86,7 @@ class Preplaced:
     Attributes:
         kind: Kind of the object.
         asset: Identity of its asset.
-        target_asset: Identity of the asset of the target.
+        target_asset: Identity of the target's asset.
         pose: Pose ``T_middle_object`` relative to the center of the target region.
     """
 
@@ -112,7 +112,7 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Tracker of the primitives of an episode; needs every state from reset on, in order."""
+    """Tracker of an episode's primitives; needs every state since reset, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
         self._condition = condition
@@ -164,7 +164,7 @@ class Handling:
             self._settle(state)
 
     def finish(self) -> tuple[Primitive, ...]:
-        """Return all primitives of the episode in the order of their start; slides come last."""
+        """Return all primitives of the episode in order of their start; slides come last."""
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())
@@ -217,7 +217,7 @@ class Handling:
 
 
 def _middle_of(state: WorldState, target: str, relation: str | None, region: str) -> Pose:
-    """Return the pose of the center of a target region, ``T_world_middle``; without a relation, that of the object."""
+    """Return the pose of a target region's center, ``T_world_middle``; without a relation, the object's pose."""
     frame = state.pose(target)
     if relation is None:
         return frame
@@ -225,7 +225,7 @@ def _middle_of(state: WorldState, target: str, relation: str | None, region: str
 
 
 def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
-    """Return the objects that rest at a target at the start, in an order that does not depend on names."""
+    """Return the objects that rest at a target at the start, in an order that does not depend on their names."""
     found = []
     for name, place in condition.preplaced.items():
         pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)

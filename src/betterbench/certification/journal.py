@@ -1,7 +1,6 @@
 """Journals of certifications: a header with versions, and one synced line per trial, for resuming.
 
-The lines of a journal of version 2 are linked, beginning with the header; journals of version 1 are read with a
-warning.
+The lines of a version 2 journal are linked, starting with the header; version 1 journals are read with a warning.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ _HEADER, _LINE = TypeAdapter(JournalHeader), TypeAdapter(_Line)
 
 
 def holds_journal(folder: Path) -> bool:
-    """Return whether a folder contains a journal of a certification or of measured demonstrations."""
+    """Return whether a folder contains a journal of certified trials or of measured demonstrations."""
     for name in (JOURNAL_NAME, DEMONSTRATIONS_NAME):
         with contextlib.suppress(OSError), open_ordinary(folder / name) as file:
             if file.readline(_MOST_HEADER).startswith(b'{"form":"betterbench '):
@@ -118,7 +117,7 @@ def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[st
 
 
 class CertificationJournal(VersionedJournal):
-    """The journal of a certification; trials examined for another version of their task are examined again.
+    """The certification journal; trials that were examined for another task version are examined again.
 
     Raises as :class:`VersionedJournal` does.
     """

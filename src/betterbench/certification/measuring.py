@@ -1,4 +1,4 @@
-"""Measurement of the demonstrations of several tasks, with worker processes and a journal."""
+"""Measurement of demonstrations for several tasks, with worker processes and a journal."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LINE = TypeAdapter(_Line)
 class DemonstrationJournal(VersionedJournal):
     """The journal of a measurement, open for appending by one process at a time.
 
-    Demonstrations of another version of their task are measured again. Raises as :class:`VersionedJournal` does.
+    Demonstrations of another task version are measured again. Raises as :class:`VersionedJournal` does.
     """
 
     form = "betterbench demonstrations journal"
@@ -65,7 +65,7 @@ def measure(
     workers: int = 1,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure the demonstrations of some tasks that are not yet in the journal of a folder.
+    """Measure the demonstrations of some tasks that are not yet in a folder's journal.
 
     Args:
         tasks: Names of the tasks.
@@ -115,7 +115,7 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstr
 
 
 def destination(task: str) -> Path | None:
-    """Return the path next to the file that defines a task, or None for a task of the suite, whose file is packaged."""
+    """Return a path next to the file that defines a task, or None for a suite task, because its file is packaged."""
     own = companion_of(task)
     return None if own is None else own.path
 

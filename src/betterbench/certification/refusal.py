@@ -1,4 +1,4 @@
-"""Check that a certificate covers the trials of a run, with an error that contains the remedy."""
+"""Check that a certificate covers a run's trials; the error message says how to fix the problem."""
 
 from __future__ import annotations
 

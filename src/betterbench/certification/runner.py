@@ -27,7 +27,7 @@ from betterbench.version import __version__
 
 
 def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions on which a certificate of some tasks depends."""
+    """Return the versions on which a certificate for some tasks depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
     return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
 
@@ -40,14 +40,14 @@ def certify(
     looks: Looks = "seen",
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that is not yet in the journal of a folder, and write ``certificate.json``.
+    """Examine every trial that is not yet in a folder's journal, and write ``certificate.json``.
 
     Returns:
         The certificate of exactly these trials, in order.
 
     Raises:
-        InvalidInputError: If no trial is given, the number of workers is out of range, or the demonstrations of a task
-            were not measured under the current versions.
+        InvalidInputError: If no trial is given, the number of workers is out of range, or a task's demonstrations have
+            not been measured with the current versions.
         WorkerError: If worker processes keep dying.
         RunConflictError: If another process writes to the folder, or the journal was started under other versions.
         RecordError: If the journal is corrupt.

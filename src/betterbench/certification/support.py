@@ -26,7 +26,8 @@ LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
 class Found:
     """Finding on one primitive: text, reason if it is outside the training distribution (or None), and slack.
 
-    The slack is the distance to the border of the jitter region [m], negative outside; None if there is no such region.
+    The slack is the distance to the border of the jitter region [m], negative outside; None if there is no jitter
+    region.
     """
 
     text: str
@@ -40,8 +41,8 @@ class TrainedSupport:
 
     Attributes:
         demonstrated: Release points and final poses of the training demonstrations.
-        relation: Relation in which objects are pre-placed.
-        targets: Relation, kind of target and region of every placement.
+        relation: Relation for pre-placed objects.
+        targets: Relation, target kind and region of every placement.
         spots: Slot, relation, region and level of every placement.
     """
 
@@ -56,7 +57,7 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives that the training conditions require, and those in their demonstrations.
+        """Collect the primitives that the training conditions require, and the primitives in their demonstrations.
 
         Closing a drawer is a slide; every other subgoal picks its object and puts it at a target.
         """
@@ -134,7 +135,7 @@ class TrainedSupport:
         slack = slack_m(self.slots[put.slot], put.base_pose)
         allowed = POSITION_TOLERANCE_M if put.base_fixed else PUSHED_TOLERANCE_M
         if slack < -allowed:
-            return Found(text, f"{text}, which stands {-1000 * slack:.1f} mm outside that slot", slack)
+            return Found(text, f"{text}, which is {-1000 * slack:.1f} mm outside that slot", slack)
         astray = self._release_astray(put)
         if astray is not None:
             return Found(text, f"{text}, {astray}", slack)
@@ -144,7 +145,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Return the deviation of a release from all demonstrated releases at its target; None if it is among them."""
+        """Return how far a release deviates from all demonstrated releases at its target; None if it is among them."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -191,6 +192,6 @@ def _turn(pose: Pose, trained: FlatPose) -> float:
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance of a pose to the border of a slot's jitter region [m]; negative outside."""
+    """Return the distance from a pose to the border of a slot's jitter region [m]; negative outside."""
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

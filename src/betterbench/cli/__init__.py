@@ -12,7 +12,7 @@ import sys
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
-"""Exit status after Ctrl-C: that of a process ended by SIGINT."""
+"""Exit status after Ctrl-C: the status of a process ended by SIGINT."""
 
 _interrupts: list[int] = []
 

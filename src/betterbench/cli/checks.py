@@ -1,6 +1,6 @@
 """Checks of this machine by ``better doctor``.
 
-Each check imports the simulator itself, so that a failed import is reported as a failure of that check.
+Each check imports the simulator itself, so a failed import is reported as a failure of that check.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _worlds() -> list[Check]:
     """List the installed simulators of other worlds. A missing simulator is not a failure."""
     try:
         from betterbench.sim.worlds import all_worlds
-    except BetterError as error:  # the registry imports MuJoCo, which refuses a wrong MUJOCO_GL
+    except BetterError as error:  # the registry imports MuJoCo, which rejects a wrong MUJOCO_GL
         return [Check("worlds", False, "cannot be listed", str(error))]
     return [
         Check(

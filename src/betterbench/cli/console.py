@@ -161,7 +161,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
 
 
 def print_item(text: str, *, indent: int = 0) -> None:
-    """Print an item of a list; on a terminal it is wrapped at words, with a hanging indent.
+    """Print a list item; on a terminal, the item is wrapped at words, with a hanging indent.
 
     A number stays on one line with its percent sign.
     """
@@ -176,7 +176,7 @@ def print_item(text: str, *, indent: int = 0) -> None:
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, wrapped at words on a terminal and unwrapped elsewhere.
 
-    With ``whole``, no line is wrapped, so that a path in it can be copied.
+    With ``whole``, no line is wrapped, so that a path in the line can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
@@ -204,7 +204,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback (done, total) that moves a progress bar, which disappears when the work has ended."""
+    """Yield a callback (done, total) that advances a progress bar; the bar disappears when the work has ended."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 

@@ -23,11 +23,11 @@ WIDEST = 100
 """Longest line of a description [characters]."""
 
 INDENT = "  "
-"""Indent of the later lines of a paragraph; tyro joins lines that begin with a letter."""
+"""Indentation of a paragraph's later lines; tyro joins lines that begin with a letter."""
 
 
 def description_of(function: object) -> str:
-    """Return the description of a function, without its arguments, wrapped to the width of the terminal.
+    """Return a function's description without its arguments, wrapped to the terminal width.
 
     A two-line example can still be pasted into a shell.
     """
@@ -74,7 +74,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
 
 
 def word_options(function: Callable[..., None]) -> None:
-    """Set the placeholders and defaults that the help shows for the options of a verb."""
+    """Set the placeholders and defaults that the help shows for a verb's options."""
     parameters = inspect.signature(function).parameters
     hints = function.__annotations__
     function.__annotations__ = hints | {
@@ -96,7 +96,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
 
 
 def _value(name: str, bare: Any, marks: Sequence[object]) -> str | None:  # noqa: ANN401 - a type hint
-    """Return the placeholder for the value of an option, or None for tyro's own."""
+    """Return the placeholder for an option's value, or None for tyro's own."""
     several = get_origin(bare) is tuple
     kinds = [kind for kind in get_args(bare) if kind not in (NoneType, Ellipsis)] or [bare]
     value = VALUES.get(kinds[0]) if len(kinds) == 1 else None

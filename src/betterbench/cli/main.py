@@ -43,7 +43,7 @@ class Telling:
     traceback: bool = False
 
     def begin(self, level: LogLevel, *, with_traceback: bool) -> None:
-        """Set the level of the log of this process and of the workers that it starts."""
+        """Set the log level of this process and of the workers it starts."""
         os.environ[LOG_LEVEL_VARIABLE] = level.upper()
         logging.getLogger("betterbench").setLevel(level.upper())
         self.traceback = with_traceback
@@ -98,24 +98,25 @@ VERBS: dict[str, Verb] = {
     "review": Verb("review:review_command", "Review imported meshes in the browser."),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
+    "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene.", takes_suite=True),
     "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
     "build": Verb("build:build_command", "Build certified tasks from scenarios."),
-    "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
+    "certify": Verb("certify:certify_command", "Certify that trials can be solved with trained motions."),
     "calibrate": Verb(
         "calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault.", takes_suite=True
     ),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
     "teleop": Verb(
-        "teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm.", takes_suite=True
+        "teleop:teleop_command", "Demonstrate in the browser by gizmo, keys or leader arm.", takes_suite=True
     ),
     "amplify": Verb(
         "amplify:amplify_command", "Carry demonstrations over to new starts, many from few.", takes_suite=True
     ),
-    "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
+    "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and audit."),
     "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe.", takes_suite=True),
-    "study": Verb("study:study_command", "Train learners on every arm and compare what they learned."),
+    "study": Verb("study:study_command", "Train learners on every arm and compare what they learn."),
     "shortcuts": Verb(
         "shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner.", takes_suite=True
     ),
@@ -123,9 +124,7 @@ VERBS: dict[str, Verb] = {
     "compare": Verb(
         "compare:compare_command", "Compare policies on the trials that their runs share.", takes_suite=True
     ),
-    "report": Verb(
-        "report:report_command", "Write a page with tables, figures and film strips of runs.", takes_suite=True
-    ),
+    "report": Verb("report:report_command", "Write a page with tables, figures and films of runs.", takes_suite=True),
     "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on.", takes_suite=True),
     "recipe": Verb("recipe:recipe_command", "Write how openpi, GR00T, Being-H or LeRobot train.", takes_tasks=False),
     "mixture": Verb(
@@ -185,7 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # Any error of the operating system: a path that is missing, too long, a loop of links or not writable.
+        # Any operating system error: a path that is missing, too long, a loop of links or not writable.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
@@ -257,7 +256,7 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
     _with_options(
         verb,
         function,
-        log_level="How much is logged on standard error, also by worker processes.",
+        log_level="Log level on standard error, also for worker processes.",
         traceback="Also print where in the code an error was raised.",
     )
     word_options(verb)
@@ -320,7 +319,10 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a wrapper of a verb the options, hints and help of both; ``texts`` are help texts by option."""
+    """Give a verb's wrapper the options, type hints and help of both functions.
+
+    ``texts`` has the help texts by option.
+    """
     added = inspect.signature(verb).parameters
     hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)

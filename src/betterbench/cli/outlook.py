@@ -1,4 +1,4 @@
-"""Estimates of the duration of a run, printed before and during the run."""
+"""Estimates of a run's duration, printed before and during the run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONG_S = 300.0
 
 @dataclass(slots=True)
 class Outlook:
-    """Estimate of the remaining time, from the control steps of a session.
+    """Estimate of the remaining time, from a session's control steps.
 
     Attributes:
         limits: Maximum steps of each trial; empty if not known.
@@ -65,7 +65,7 @@ class Outlook:
 
     @property
     def most_left_s(self) -> float | None:
-        """Time left if every trial takes its maximum of steps [s]; None while there is no estimate."""
+        """Remaining time if every trial takes the maximum number of steps [s]; None while there is no estimate."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:

@@ -1,4 +1,4 @@
-"""Verbs that a person uses in the browser: the name of the person, and the end of the process."""
+"""Verbs that a person uses in the browser: the person name, and the end of the process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 
 def person_named(name: str | None, option: str) -> str:
-    """Return the name of a person, by default that of the user; InvalidInputError if it is not one short line."""
+    """Return a person's name, by default the user name; raises InvalidInputError if it is not one short line."""
     try:
         who = getpass.getuser() if name is None else name
     except (KeyError, OSError):  # the user id of this process has no name
@@ -25,7 +25,7 @@ def person_named(name: str | None, option: str) -> str:
 def end_process() -> None:
     """End the process although threads are still running.
 
-    The compilation of a scene, the rendering of an image and a page that does not answer cannot be interrupted. All
+    Compiling a scene, rendering an image, and waiting for a page that does not answer cannot be interrupted. All
     results are on disk, and the locks are released.
     """
     sys.stdout.flush()

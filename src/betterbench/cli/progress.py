@@ -1,4 +1,4 @@
-"""Progress of long work: one line on a terminal of any width, and occasional lines elsewhere."""
+"""Progress of long-running work: one line on a terminal of any width, and occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 
 
 class _Widths(NamedTuple):
-    """Columns of the parts of a line that can shrink; 0 for a part that is left out."""
+    """Column widths of the line's shrinkable parts; 0 for an omitted part."""
 
     what: int
     bar: int
@@ -41,9 +41,9 @@ def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
 
     Args:
         room: Total columns.
-        what: Columns of the name of the work.
+        what: Width of the work's name in columns.
         note: Columns of the note.
-        note_first: Whether the note has priority over bar and name; else it is cut first.
+        note_first: Whether the note has priority over bar and name; otherwise the note is cut first.
     """
     if not note:
         bar = min(MOST_BAR, max(LEAST_BAR, room - what - 1))
@@ -130,9 +130,9 @@ class WorkProgress(Progress):
 
     Args:
         console: Console on which the bar is drawn, if it is a terminal.
-        timed: Whether the elapsed or the remaining time is shown; if not, the elapsed time replaces a missing note.
+        timed: Whether to show the elapsed or remaining time; if not, the elapsed time replaces a missing note.
         stays: Whether the bar remains after the work has ended.
-        log: Function that receives the lines if there is no terminal; None for no lines.
+        log: Function that receives the lines if there is no terminal; None to print no lines.
     """
 
     def __init__(self, console: Console, *, timed: bool, stays: bool, log: Callable[[str], None] | None) -> None:

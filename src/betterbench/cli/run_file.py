@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: options of ``better eval`` by name, in the form that the command line accepts."""
+    """Content of a run file: ``better eval`` options by name, in the form that the command line accepts."""
 
     policy: Name | None = None
     out: Name | None = None
@@ -62,7 +62,7 @@ def with_run_file(words: Sequence[str]) -> list[str]:
 
     Raises:
         InvalidInputError: If the file is missing, is not YAML, or has a malformed field; if two files are named; or if
-            the file would run code or send a secret and ``--trust`` is not given.
+            the file runs code or sends a secret and ``--trust`` is not given.
         UnknownNameError: If the file has a field that is not an option.
     """
     path, rest = _named(words)
@@ -105,7 +105,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Refuse aliases and deep nesting: options need neither, and parsing them can take very long."""
+    """Reject aliases and deep nesting: options need neither, and parsing them can take very long."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -158,10 +158,10 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
 
 
 def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
-    """Refuse options that would run code or send a secret, unless ``--trust`` is given.
+    """Reject options that run code or send a secret, unless ``--trust`` is given.
 
     Raises:
-        InvalidInputError: If there is such an option; the message shows it.
+        InvalidInputError: If there is such an option; the message names it.
     """
     from betterbench.evaluation.planning.trust import require_trust
 

@@ -89,7 +89,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return the answer times of a policy as a sentence; empty if nothing is known."""
+    """Return a policy's answer times as a sentence; empty if they are unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -111,8 +111,8 @@ def _milliseconds(seconds: float) -> str:
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return the time spent in each part of a run, and a sentence that names the bottleneck and its remedy.
 
-    ``drawn_here`` says that the workers render the images and no other simulator does, ``chosen`` that a warm-up chose
-    the number of environments.
+    ``drawn_here`` means that the workers render the images and no other simulator does; ``chosen`` means that a warm-up
+    chose the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
     parts = (
@@ -123,7 +123,7 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
 
 def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the sentence of :func:`times_text` that names the bottleneck of a run and its remedy."""
+    """Return the sentence of :func:`times_text` that names a run's bottleneck and the remedy."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":

@@ -1,4 +1,4 @@
-"""Experiment trackers: the metrics of a run for TensorBoard or Weights & Biases."""
+"""Experiment trackers: a run's metrics for TensorBoard or Weights & Biases."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ EVENTS_NAME = "events.out.tfevents.0.betterbench"
 
 _WANDB_PREFIX = ".wandb-"
 _LEAST_ROOM = 1 << 20
-"""Free bytes that wandb needs besides the table of trials; the log of a run takes about 20 kB."""
+"""Free bytes that wandb needs in addition to the trial table; a run's log takes about 20 kB."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
-    """Return the numbers of a run by name ("success_rate/fast_food/T1"), with the bounds of their intervals.
+    """Return a run's figures by name ("success_rate/fast_food/T1"), with their confidence bounds.
 
     Labels are counted over the trials of variations ("labels/timeout").
     """
@@ -54,12 +54,12 @@ def write_metrics(
     """Write the numbers of a run for a tracker, and return the folder that was written.
 
     Args:
-        diagnosis: Diagnosis of the run.
+        diagnosis: Run diagnosis.
         to: The tracker.
         out: Folder for its files; created if missing.
-        name: Name of the run in the tracker; the name of the policy if None.
+        name: Run name in the tracker; the policy name if None.
         project: Project of Weights & Biases.
-        overwrite: Whether to replace a file of the same name that this function did not write.
+        overwrite: Whether to replace a file with the same name that this function did not write.
 
     Raises:
         MissingDependencyError: If the package of the tracker is not installed.
@@ -83,7 +83,7 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one event file in place of the file of an earlier export, because TensorBoard would show both.
+    """Write one event file in place of an earlier export's file, because TensorBoard would show both.
 
     The file is built elsewhere and moved: on a full disk the writer thread would end, and waiting for it would hang.
     """

@@ -1,4 +1,4 @@
-"""YAML files written by people, read into plain values; aliases are refused, because they can expand without bound."""
+"""YAML files written by people, read into plain values; aliases are rejected, because they can expand without bound."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _MAX_BYTES = 64 * 1024
 _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
 
 
-def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
+def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_BYTES) -> dict[str, Any]:
     """Return the fields of a YAML file.
 
     Raises:
-        InvalidInputError: If the file is missing, larger than 64 KiB or not a mapping, has aliases, gives a field
-            twice, or is nested too deep.
+        InvalidInputError: If the file is missing, larger than ``max_bytes`` or not a mapping, has aliases, gives a
+            field twice, or is nested too deep.
     """
     import yaml
 
@@ -30,7 +30,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
-    text = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
+    text = read_bounded(path, max_bytes=max_bytes, cure=cure)
     try:
         _require_plain(path, text, deepest, cure)
         _require_once(path, yaml.compose(text, Loader=Loader))
@@ -44,7 +44,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
 
 
 def _require_once(path: Path, node: yaml.Node | None) -> None:
-    """Refuse a field that is given twice, because YAML would silently keep only the last value."""
+    """Reject a field that is given twice, because YAML would silently keep only the last value."""
     if node is None or isinstance(node.value, str):
         return
     fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []
@@ -58,7 +58,7 @@ def _require_once(path: Path, node: yaml.Node | None) -> None:
 
 
 def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:
-    """Refuse aliases and deep nesting at the first occurrence, before any value is built."""
+    """Reject aliases and deep nesting at the first occurrence, before any value is built."""
     import yaml
 
     depth = 0

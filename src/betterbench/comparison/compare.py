@@ -34,8 +34,8 @@ class Comparison:
 
     Attributes:
         matching: Trials that were compared.
-        groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
-            failure and the labels over all variations.
+        groups: Every measure over every scope: success (overall, training, per axis, per task), then the failure kinds
+            and labels over all variations.
         sequential: Sequential evidence on success, valid during the runs; empty unless requested.
         verdict: The result in sentences, the most important first.
         standings: Comparison of each policy with the pretenders, on the compared trials.
@@ -56,7 +56,7 @@ class Comparison:
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first side is significantly worse than another side over all variations."""
+        """Whether the first side is significantly worse than another side on all variations together."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)
@@ -99,7 +99,7 @@ def compare(
 
     Args:
         sides: The runs, at least two, with different names.
-        alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
+        alpha: Significance level of each test family; the intervals have confidence 1 - alpha.
         sequential: Whether to add sequential evidence, which may be inspected any number of times during the runs.
         allow_mixed: Whether to compare runs with different versions or engines.
 
@@ -135,7 +135,7 @@ class _Question(NamedTuple):
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials of the scope, each with a flag for the counted outcome."""
+        """Return the trials in the scope, each with a flag for the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -161,7 +161,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Yield the groups of a family, corrected together; a group without trials on a side is left out."""
+    """Yield the groups in a family, corrected together; a group for which one side has no trials is left out."""
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))
@@ -209,9 +209,9 @@ def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequen
 
 
 def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
-    """Yield the sequential evidence of every pair of sides.
+    """Yield the sequential evidence for every pair of sides.
 
-    Pairs are used in the order of the run, up to the first pair that a side has not finished. The selection of pairs
+    Pairs are used in run order, up to the first pair that a side has not finished. The selection of pairs
     then does not depend on outcomes, and a later inspection continues where this one stopped.
     """
     order = sorted(

@@ -38,14 +38,15 @@ class Contrast:
     """Comparison of two policies in one measure over one scope.
 
     Attributes:
-        measure: "success", a kind of failure or a label.
-        scope: "overall" (variations), "training", "axis:temporal_extrapolation" or the id of a task (its variations).
+        measure: "success", a failure kind or a label.
+        scope: "overall" (variations), "training", "axis:temporal_extrapolation" or a task's id (its variations).
         first: Name of the side with positive sign.
         second: Name of the side with negative sign.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
         p_adjusted: p-value after Holm's correction over the family.
         family: Number of contrasts in the family.
-        different: Whether the two differ significantly: ``p_adjusted`` is at most alpha and the interval excludes zero.
+        different: Whether the two rates differ significantly: ``p_adjusted`` is at most alpha and the interval excludes
+            zero.
         smallest: Smallest difference that these trials could have detected, or None if not computed.
     """
 
@@ -170,7 +171,7 @@ class OutcomeCounts:
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """Outcomes of each pair: of the first side and of the second."""
+        """Outcomes of each pair: first side, second side."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property

@@ -1,4 +1,4 @@
-"""Conventions of a plan and its records that affect outcomes."""
+"""Plan conventions and its records that affect outcomes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_
 
 
 def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
-    """Return the conventions of a plan and of its records.
+    """Return the conventions declared in a plan and in its records.
 
     Args:
         plan: JSON form of a plan; missing conventions are skipped.

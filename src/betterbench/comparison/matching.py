@@ -1,4 +1,4 @@
-"""Matching of several runs: the comparable trials, and those that are left out."""
+"""Matching of several runs: the comparable trials, and the trials that are left out."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Matching:
     """The compared trials of several runs.
 
     Attributes:
-        paired: Whether all sides have the same trials; otherwise they share only conditions.
-        trials: Trials of each side in plan order; if paired, in the same order of keys on every side.
+        paired: Whether all sides have the same trials; otherwise they have only the conditions in common.
+        trials: Trials of each side in plan order; if paired, every side has the same order of keys.
     """
 
     paired: bool
@@ -64,7 +64,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials of the conditions that all sides share.
+    """Return the trials in the conditions that all sides share.
 
     Raises:
         InvalidInputError: If they share none.
@@ -98,7 +98,7 @@ def _unpaired_note(sides: Sequence[Side]) -> str:
 
 
 def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
-    """Yield a note for every convention in which two sides differ.
+    """Yield a note for every convention on which two sides differ.
 
     Raises:
         RunConflictError: If one of these conventions is decisive and mixing is not allowed.
@@ -131,7 +131,7 @@ def _until_decided(side: Side) -> Iterator[str]:
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
-    """Yield a note about trials that count as failures because they have no usable record."""
+    """Yield a note about trials that count as failures because no usable record exists."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
     stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)
@@ -141,4 +141,4 @@ def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
     if lost:
         yield f"{lost}/{n} trials of {side.name} broke down without a record and count as failures."
     if stopped:
-        yield f"{stopped}/{n} trials of {side.name} ended by an error of the policy and count as failures."
+        yield f"{stopped}/{n} trials of {side.name} ended with a policy error and count as failures."

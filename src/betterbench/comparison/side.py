@@ -21,9 +21,9 @@ class Side:
     """One run in a comparison.
 
     Attributes:
-        name: The declared name of its policy, with the name of the folder added if two are equal.
+        name: The policy's declared name; the folder name is added if two names are equal.
         unfinished: Keys of planned trials that have neither ended nor failed to run.
-        conventions: Versions and conventions by name, of its plan and of its records.
+        conventions: Versions and conventions by name, from the plan and from the records.
     """
 
     name: str
@@ -40,10 +40,10 @@ def load_sides(
     allow_mixed: bool = False,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Side, ...]:
-    """Read and diagnose the runs of a comparison; ``names`` overrides the names of their policies.
+    """Read and diagnose the runs of a comparison; ``names`` overrides the policy names.
 
-    A path is the folder of a run, or the file of a submission, whose outcomes are used as stored. ``on_progress`` is
-    called with the name of a run, the number of its processed trials, and the number of its trials.
+    A path is a run's folder, or a submission's file, whose outcomes are used as stored. ``on_progress`` is
+    called with a run's name, the number of its processed trials, and the number of its trials.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, a run is given twice, the names do not match the runs, or a

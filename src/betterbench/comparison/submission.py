@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with its conventions and the hashes of its records."""
+"""Submissions: a run's outcomes in one file, with its conventions and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
-"""Version of the file; it increases when an older reader would misinterpret a newer file."""
+"""Version of the file format; it increases when an older reader would misinterpret a newer file."""
 
 _MAX_BYTES = 64 * 1024 * 1024
 _CURE = "Give the folder of a run, or a file written by better export"
@@ -51,7 +51,7 @@ class SubmittedTrial:
         progress: Number of subgoals completed in a valid order, divided by the number requested.
         steps: Control steps.
         duration_s: Simulated time [s].
-        record_sha256: Hash of the file of its record, or None without one.
+        record_sha256: Hash of its record's file, or None without one.
     """
 
     task: Line
@@ -89,14 +89,14 @@ class Submission:
     """The outcomes of one run.
 
     Attributes:
-        name: Name of the policy.
+        name: Policy name.
         policy: Its address.
         declared: Declaration of the policy about itself.
         betterbench: Version that judged the trials.
-        conventions: Versions and conventions by name, of the plan and of the records.
+        conventions: Versions and conventions by name, from the plan and the records.
         thresholds: Thresholds of the diagnosis by name.
-        plan_sha256: Hash of the plan as canonical JSON.
-        left_out: Number of trials of a run until decided that were selected by outcomes and are therefore not a fair
+        plan_sha256: Plan hash as canonical JSON.
+        left_out: Number of trials in a run until decided that were selected by outcomes and are therefore not a fair
             sample.
         trials: Every other planned trial, in plan order.
         sha256: Hash of all other fields as canonical JSON. It detects damage but does not authenticate the author.
@@ -157,12 +157,12 @@ _BEGINNING = b'{\n"format": "betterbench-submission"'
 
 
 def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCount | None = None) -> Submission:
-    """Return the outcomes of a run, diagnosed now.
+    """Return a run's outcomes, diagnosed now.
 
     Args:
         run: The run; for a run until decided, only the trials of its first round are used.
-        name: Name of the policy in the submission; default: its declared name.
-        on_progress: Called with the number of processed trials and the number of all trials.
+        name: Policy name in the submission; default: its declared name.
+        on_progress: Called with the number of processed trials and the total number of trials.
 
     Raises:
         RecordError: If the run or a record cannot be read.
@@ -218,7 +218,7 @@ def read_submission(path: Path) -> Submission:
 
 
 def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
-    """Check a submission against the records of a run; ``on_progress`` is as for :func:`submission_of`.
+    """Check a submission against a run's records; ``on_progress`` is as for :func:`submission_of`.
 
     Raises:
         RunConflictError: If they disagree; the message names the first difference.
@@ -253,7 +253,7 @@ def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
     resolved = _resolved(trial.task, trial.condition)
     # Submissions before version 0.2 labeled unfinished trials as a policy error.
     label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)
-    text = "A submission contains only outcomes; the evidence is in the run from which it was made."
+    text = "A submission contains only outcomes; the evidence is in the original run."
     return TrialDiagnosis(
         task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
         axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
@@ -275,7 +275,7 @@ def _file_hash(path: Path) -> str:
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:
-    """Yield the content of a submission as sentences."""
+    """Yield a submission's content as sentences."""
     counts = Counter(t.status for t in submission.trials)
     solved = sum(t.success for t in submission.trials)
     yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"

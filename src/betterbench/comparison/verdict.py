@@ -13,14 +13,14 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets a sentence; for more policies, letters are shorter."""
+"""Largest number of policies for which every pair gets a sentence; with more policies, letters are shorter."""
 
 SHOWN_PARTS = 6
 """Largest number of parts that one sentence names."""
 
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
-    """Return the result of a comparison, the most important sentence first."""
+    """Return a comparison's result, the most important sentence first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
         return ("Nothing can be concluded: there are no trials to compare.",)
@@ -32,12 +32,12 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
 
 
 def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
-    """Return the conclusion of the sequential evidence about each pair of policies."""
+    """Return the conclusion from the sequential evidence about each pair of policies."""
     return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
 
 
 def scope_text(scope: str) -> str:
-    """Return a scope in words; a task of another world keeps its name."""
+    """Return a scope in words; a task in another world keeps its name."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(

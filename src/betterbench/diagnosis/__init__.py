@@ -1,15 +1,15 @@
-"""Diagnosis: labels and explanations for the trials of a policy, from their records alone.
+"""Diagnosis: labels and explanations for a policy's trials, from their records alone.
 
 - ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
-- ``trial``, ``labels``, ``ruling``: the label of each trial, from the evidence of all modes; ``readers`` chooses how
-  the records of a world are read, and ``libero`` reads those of LIBERO.
+- ``trial``, ``labels``, ``ruling``: each trial's label, from the evidence of all modes; ``readers`` chooses how to read
+  a world's records, and ``libero`` reads LIBERO records.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
-  (likelihood of one rule, rules of one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
+  (likelihood of one rule, rules in one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
   ``decider``: use of the instruction by the policy.
-- ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the differences between two diagnoses.
-- ``measures``: metrics of a run, and the confusion and power matrices of the diagnosis itself.
+- ``run``, ``stored``, ``changes``: a run's diagnosis, its file, and the differences between two diagnoses.
+- ``measures``: a run's metrics, and the confusion and power matrices of the diagnosis itself.
 """
 
 from betterbench.diagnosis.measures.confusion import Calibration, Judged, LabelScore, packaged_calibration

@@ -85,7 +85,7 @@ class DiagnosisChanges:
 
     @property
     def other_rules(self) -> bool:
-        """Whether the stored diagnosis was made by another version of betterbench or with other thresholds."""
+        """Whether the stored diagnosis was made by another betterbench version or with other thresholds."""
         return self.version_before != self.version_now or bool(self.thresholds)
 
     @property
@@ -95,7 +95,7 @@ class DiagnosisChanges:
 
     @property
     def counts(self) -> dict[tuple[str, str], int]:
-        """Number of trials per change of label (before, now) of the same record, the most frequent first."""
+        """Number of trials per label change (before, now) of the same record, the most frequent first."""
         changed = Counter(t.labels for t in self.of_sort("label"))
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
@@ -127,7 +127,7 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 def _differences(
     before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
 ) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
-    """Yield the keys whose values differ, with both values, in the order of the new mapping."""
+    """Yield the keys whose values differ, with both values, in the new mapping's order."""
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)
         if a != b:
@@ -147,7 +147,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return a clause on the change of the judged record, or None without a sign of a change."""
+    """Return a clause on how the judged record changed, or None if nothing suggests a change."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):
@@ -156,7 +156,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield the possible causes of a change, from two judgments of the same record."""
+    """Yield the possible causes of a change between two judgments of the same record."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts

@@ -1,4 +1,4 @@
-"""Cues that may decide for a policy that ignores the instruction: slot, kind, color or distance of an object."""
+"""Cues that a policy that ignores the instruction may follow: an object's slot, kind, color or distance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Decider:
 
     @property
     def may_be_place(self) -> bool:
-        """Whether the slot of an object may decide."""
+        """Whether an object's slot can be the cue."""
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
 """Exposure of a variation: its test condition and the training distribution, which determine the faults it can show.
 
-Each failure mode has a function of an :class:`Exposure` that returns whether the variation tests for the fault. A
-variation claims only the failure modes for which this function returns True.
+Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation tests for the fault.
+A variation claims only the failure modes for which this function returns True.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A test condition, the condition of its training twin, and the regularities of training.
+    """A test condition, its training twin's condition, and the regularities of training.
 
     Attributes:
         task: The task.
@@ -78,9 +78,9 @@ class Exposure:
         return self.test.object(name).kind
 
     def known(self, kind: str) -> bool:
-        """Return whether any instruction of the task refers to a kind of object."""
+        """Return whether any instruction of the task refers to an object kind."""
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
-        """Return the kinds of object that a subgoal refers to."""
+        """Return the object kinds to which a subgoal refers."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}

@@ -1,4 +1,4 @@
-"""Failure modes: the class that a file of ``modes`` registers, and the view of a trial for its detector."""
+"""Failure modes: the class that a file in ``modes`` registers, and the view of a trial that its detector gets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class TrialView:
     """Input of a failure mode's detector: a record with its analysis.
 
     Attributes:
-        record: The record of the trial, with its outcome.
+        record: The trial record, with its outcome.
         episode: The analyzed record: every grasp attempt and placement, compared with the instruction.
         unexplained: True in the second round of detectors, if no detector found evidence in the first round.
     """
@@ -33,7 +33,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode reached its step limit with a subgoal that was never done, or only in the last rows."""
+        """Whether the episode reached its step limit with a subgoal not done, or done only in the last rows."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -51,14 +51,15 @@ class FailureMode:
     Used as a decorator, an instance registers itself with the decorated finder.
 
     Attributes:
-        short: Name of one or two words, for a segment of a bar chart.
+        short: Name with one or two words, for a segment of a bar chart.
         definition: Condition on the record, one sentence (suite, section 5).
         conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
-        sharper: Function that returns a more specific conclusion from the trials of this mode, or an empty text.
-        finding: Beginning of the sentence that counts the trials of this mode; empty if the mode yields no finding.
-        detail: Function that returns the end of that sentence: the common feature of these trials.
+        sharper: Function that returns a more specific conclusion from this mode's trials, or an empty text.
+        finding: Beginning of the sentence that counts the trials with this mode; empty if the mode yields no finding.
+        detail: Function that returns the end of that sentence: what these trials have in common.
         rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
-        needs_rule: Whether only an upheld rule proves the mode; without one, a trial is labeled ``wrong_object``.
+        needs_rule: Whether only an upheld rule proves the mode; without such a rule, a trial is labeled
+            ``wrong_object``.
         title: Full name, if it differs from the words of the label.
         exposed_by: Function that returns whether a variation can reveal this fault; None if every variation can.
     """
@@ -132,7 +133,7 @@ def labels_of_second_pass() -> tuple[Label, ...]:
 
 
 def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
-    """Return the labels of the failure modes that a variation can reveal, in the order of the labels.
+    """Return the labels of the failure modes that a variation can reveal, in label order.
 
     Raises:
         UnknownNameError: If the task or variation does not exist.

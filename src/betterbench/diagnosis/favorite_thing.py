@@ -1,8 +1,8 @@
-"""Favorite kind of object of a policy, in a world whose tasks never share a scene.
+"""A policy's favorite object kind, in a world whose tasks never share a scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether it is used
-(:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO every task has its own scene, so there are no such pairs.
-However, the same kinds of objects appear in many scenes of a suite. A policy that takes the milk in every scene with
+(:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so no such pairs exist.
+However, the same object kinds appear in many scenes of a suite. A policy that takes the milk in every scene with
 milk, regardless of the instruction, does not choose by the instruction.
 """
 
@@ -20,11 +20,12 @@ from betterbench.statistics.unpaired import binomial_probabilities
 
 @dataclass(frozen=True, slots=True)
 class FavoriteThing:
-    """Kind of object that a policy attempts in every scene that contains it.
+    """Object kind that a policy attempts in every scene that contains it.
 
     Attributes:
         kind: The kind.
-        rate: Trials that begin with an attempt at this kind, among trials that contain it and request another kind.
+        rate: Trials that begin with an attempt at this kind, among the trials that contain this kind but whose
+            instruction names another kind.
         asked: Number of other kinds that these trials request.
     """
 
@@ -50,11 +51,12 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the kind of object that a policy provably attempts in every scene of a suite that contains it, or None.
+    """Return the object kind that a policy provably attempts in every scene of a suite that contains it, or None.
 
-    At least :data:`LEAST_PAIRS` trials with such an object must request another kind, :data:`LEAST_ASKED` kinds in
-    total. The policy must attempt it more often than a policy that picks one of two objects at random (exact binomial
-    test, one-sided, corrected for the number of kinds that it wrongly attempted).
+    The instructions of at least :data:`LEAST_PAIRS` trials with such an object must name another kind,
+    :data:`LEAST_ASKED` kinds in total. The policy must attempt this kind more often than a policy that picks one of two
+    objects at random (exact binomial test, one-sided, corrected for the number of kinds that the policy wrongly
+    attempted).
     """
     wrong = Counter(c.thing for c in choices.values() if c.thing and not c.correct)
     if not wrong:
@@ -70,6 +72,6 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:
-    """Return whether the scene of a trial contains an object of a kind while another kind is requested."""
+    """Return whether a trial's scene contains an object of a kind while the instruction names another kind."""
     standing = {slot for slot, k in choice.layout if k == kind}
     return bool(standing) and bool(choice.right) and not standing & choice.right

@@ -1,4 +1,4 @@
-"""Findings that need several trials of a policy, as sentences, and notes on the limits of the run."""
+"""Findings that need several trials of a policy, as sentences, and notes on the run's limits."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return the limits of the run, one sentence each.
+    """Return the run's limits, one sentence each.
 
-    ``missing`` are the trials that failed to run. ``even_pairs`` are the pairs of the first round of a run until
+    ``missing`` are the trials that failed to run. ``even_pairs`` are the pairs from the first round of a run until
     decided. ``cure`` tells the user how to get the missing twins.
     """
     notes = []

@@ -1,9 +1,9 @@
-"""Instruction effect: share of trial pairs in which the first target changes with the instruction (suite, section 4).
+"""Instruction effect: fraction of trial pairs whose first target changes with the instruction (suite, section 4).
 
 Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
 random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the
-instruction. If the two instructions name different first objects, a policy that uses the instruction goes for different
-objects, correctly or not. A policy that ignores the instruction goes for the same object in both trials.
+instruction. If the two instructions name different first objects, a policy that uses the instruction goes to different
+objects, correctly or not. A policy that ignores the instruction goes to the same object in both trials.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SAME_TARGET = "same_target_whatever_the_instruction"
 """Evidence rule of a wrong first attempt by a policy that does not use the instruction."""
 
 SAME_THING = "same_thing_whatever_the_instruction"
-"""Evidence rule of a wrong first attempt at the favorite kind of object of a policy
+"""Evidence rule for a wrong first attempt at a policy's favorite object kind
 (:mod:`betterbench.diagnosis.favorite_thing`).
 """
 
@@ -37,7 +37,7 @@ _PLACE_DIGITS = 4
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state: the objects, their poses and the pose of the arm."""
+    """Return a digest of the initial state: the objects, their poses and the arm's pose."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(
@@ -51,11 +51,11 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ only in the instruction and whose instructions name different first targets.
+    """Return pairs of trials that differ only in the instruction and have different first targets.
 
     A trial is in at most one pair, which keeps pairs independent. A variation is paired with its counterfactual twin if
     possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
-    trials in which no object should be grasped first, are left out.
+    trials in which no object should be grasped first, are excluded.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
@@ -76,7 +76,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return the first target of a trial: the name of the object or of the empty slot, or None.
+    """Return a trial's first target: the name of the object or of the empty slot, or None.
 
     A drawer that is moved for an object is not a first target.
     """
@@ -89,7 +89,9 @@ def changes_target(pair: Pair) -> bool:
 
 
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
-    """Yield the instruction effect over all trials and per task; training conditions and variations count alike.
+    """Yield the instruction effect over all trials and per task.
+
+    Training conditions and variations are treated the same.
 
     The p-value is the probability of at most this many changes for a policy that picks one of two objects at random
     (exact).

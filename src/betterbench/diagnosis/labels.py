@@ -1,4 +1,4 @@
-"""Label of a trial, chosen from all pieces of evidence (suite, section 5)."""
+"""Trial label, chosen from all pieces of evidence (suite, section 5)."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class LabelEvidence(NamedTuple):
 
 
 def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
-    """Return all evidence that a trial gives, in the order of the labels.
+    """Return all evidence that a trial gives, in label order.
 
-    A success, or an end that the policy's reasoning did not cause, is the only evidence of its trial. Otherwise the
+    A success, or an end that the policy's reasoning did not cause, is the only evidence in its trial. Otherwise the
     result includes labels that need the second pass.
 
     Returns:
@@ -59,7 +59,7 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
 
 
 _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
-"""Evidence rules of attempts that a favorite place would explain as well."""
+"""Evidence rules for attempts that a favorite place would explain as well."""
 
 
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
@@ -67,9 +67,8 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
 
     The earliest evidence decides; for the same attempt, the order of the labels does. If the second pass cannot decide
     between rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's
-    appearance or a habit of training explains the attempt. A wrong order does not count as such an explanation.
-    Otherwise, a favorite place would be labeled as an order violation in ordered tasks and as a wrong object in all
-    others.
+    appearance or a training habit explains the attempt. A wrong order does not count as such an explanation. Otherwise,
+    a favorite place would be labeled as an order violation in ordered tasks and as a wrong object in all others.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}

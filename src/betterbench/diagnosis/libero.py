@@ -1,9 +1,9 @@
-"""Trials in LIBERO: conversion of its records for the detectors, and the limits of its suites.
+"""Trials in LIBERO: conversion of LIBERO records for the detectors, and the limits of LIBERO's suites.
 
-LIBERO defines no conditions for a task. The requested objects are read from the goal in the task's file, the training
-distribution from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and the initial
-positions from the record. Regions on the table are those of LIBERO. Heights are measured from the table, as in
-betterbench's own scenes.
+LIBERO defines no conditions for a task. The instructed objects are read from the goal in the task's file, the training
+distribution from the base suite's files (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions
+from the record. Table regions are LIBERO's regions. Heights are measured from the table, as in betterbench's own
+scenes.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""The axis of each change of LIBERO-PRO; paraphrases of the instruction have no axis."""
+"""Axis of each LIBERO-PRO change; paraphrases of the instruction have no axis."""
 
 NOTE = (
     "LIBERO's tasks have one training condition each, and most instructions name one object: habits of order, "
     "skipped steps and correct refusals cannot be observed here. Success is LIBERO's own verdict, and harm to other "
-    "objects is not judged. Each suite of LIBERO-PRO has its own initial states: a trial and its twin share the task "
-    "and the number of the state, but the poses of the robot and the objects differ slightly."
+    "objects is not judged. Each LIBERO-PRO suite has its own initial states: a trial and its twin share the task and "
+    "the state number, but the robot and object poses differ slightly."
 )
 """Note added to every diagnosis of a run in LIBERO."""
 
@@ -70,7 +70,7 @@ PLUS_NOTE = (
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
 BASE = "base"
-"""Name of the only training condition of a task."""
+"""Name of a task's only training condition."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def suite_of(task: str) -> str:
-    """Return the base suite of a LIBERO task ("libero_object-03"); the tasks of a suite are judged together."""
+    """Return the base suite of a LIBERO task ("libero_object-03"); a suite's tasks are judged together."""
     return task.rpartition("-")[0]
 
 
@@ -177,7 +177,7 @@ def _with_regions(thing: ObjectInfo) -> ObjectInfo:
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return the subgoals of a goal, or None if part of it requires moving a joint."""
+    """Return a goal's subgoals, or None if part of it requires moving a joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -212,7 +212,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
 
 
 def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
-    """Return the arrays of a record, with LIBERO's own verdict on the requested relations."""
+    """Return a record's arrays, with LIBERO's own verdict on the requested relations."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
@@ -267,7 +267,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label of a task that moves a joint and whose goal is not met."""
+    """Return the label for a task that moves a joint and does not reach its goal."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "
@@ -284,7 +284,7 @@ def by_outcome(
     axis: str | None,
     condition: str = BASE,
 ) -> TrialDiagnosis:
-    """Return a diagnosis from the end of a trial alone; ``unmet`` is the label of a trial without success."""
+    """Return a diagnosis from the end of a trial alone; ``unmet`` is a trial's label without success."""
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)

@@ -1,4 +1,4 @@
-"""Readers of the records of a run, one per kind of world: readings, grouping of tasks, and notes on the trials."""
+"""Readers for run records, one per kind of world: readings, task groups, and notes on the trials."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 class Reader(Protocol):
-    """Reader of the records of a run."""
+    """Reader of a run's records."""
 
     @property
     def twins_elsewhere(self) -> bool:
-        """Whether the twins of a run may be the trials of another run."""
+        """Whether a run's twins may come from another run."""
 
     @property
     def finds_favorites(self) -> bool:
-        """Whether the diagnosis looks for a favorite kind of object of the policy."""
+        """Whether the diagnosis looks for the policy's favorite object kind."""
 
     @property
     def twins_cure(self) -> str:
@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group for judging the rules of a policy: the task, or a suite of one-instruction tasks."""
+        """Return the group for judging a policy's rules: the task, or a suite of one-instruction tasks."""
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""
@@ -79,7 +79,7 @@ class OwnReader:
         )  # fmt: skip
 
     def group(self, task: str) -> str:
-        """Return the task, because the rules of a policy are judged per task."""
+        """Return the task, because a policy's rules are judged per task."""
         return task
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
@@ -117,10 +117,10 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader of runs in a world in which only the end of each trial is judged.
+    """Reader for runs in a world in which only the end of each trial is judged.
 
     Attributes:
-        title: Name of the world in messages.
+        title: World name in messages.
     """
 
     title: str

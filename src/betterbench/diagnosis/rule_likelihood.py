@@ -2,7 +2,7 @@
 
 A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise
 it goes to a right slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate and
-no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter
+no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only parameter
 [nats]. See docs/second-pass.md for the formulas and an example.
 """
 
@@ -40,9 +40,9 @@ class PolicyRule:
         cost: Negative log-likelihood at the best strength [nats], plus the costs of choosing it and its kind.
         strength: The best strength, from 0 to 1.
         explained: Number of wrong first attempts that it explains.
-        opportunities: Number of trials in which it predicts a wrong first attempt.
-        errors_elsewhere: Number of wrong first attempts in trials in which it predicts a right first attempt.
-        elsewhere: Number of trials in which it predicts a right first attempt.
+        opportunities: Number of trials in which the rule predicts a wrong first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials in which the rule predicts a right first attempt.
+        elsewhere: Number of trials in which the rule predicts a right first attempt.
     """
 
     name: str

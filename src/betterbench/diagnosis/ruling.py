@@ -1,4 +1,4 @@
-"""Rulings: conclusions about one trial from all trials of its policy (the second pass of the diagnosis)."""
+"""Rulings: conclusions about one trial from all trials of the same policy (the second pass of the diagnosis)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ RuleStatus = Literal["upheld", "rejected", "open"]
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """Result of the second pass for one trial: the status of each kind of rule.
+    """Second-pass result for one trial: the status of each kind of rule.
 
     Attributes:
         shortcut: Whether "the word leads there" explains this trial.
-        place: Whether "always the same place" explains it; "open" if the run is too small to prove this for any policy.
-        habit: Whether "the most frequent first step" may explain it. One trial is enough, unless the policy is known to
-            begin with later steps.
+        place: Whether "always the same place" explains this trial; "open" if the run is too small to prove this rule
+            for any policy.
+        habit: Whether "the most frequent first step" may explain this trial. One trial is enough, unless the policy is
+            known to begin with later steps.
     """
 
     shortcut: RuleStatus = "open"
@@ -28,7 +29,7 @@ class Ruling:
     habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return the status of a kind of rule."""
+        """Return the status of one kind of rule."""
         known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
         return known.get(rule, "upheld")
 

@@ -1,4 +1,4 @@
-"""Diagnosis of a run: each planned trial on its own, then all trials together (second pass), then findings."""
+"""Run diagnosis: each planned trial by itself, then all trials together (second pass), then findings."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class _Trials:
         plan: The counted trials, in plan order.
         readings: Reading of the record, by trial.
         missing: Reason for a missing record, by trial; None if unknown.
-        pending: Trials that a run in progress has not reached; they are not counted.
+        pending: Trials that an ongoing run has not reached; they are not counted.
         until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
@@ -71,17 +71,17 @@ def diagnose_run(
     twins_in: RunFolder | None = None,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Return the diagnosis of a run. Every planned trial appears, finished or not.
+    """Return a run's diagnosis. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
-    process writes any more, they are unfinished: they count in the denominator of every rate over planned trials, but
-    not as a failure of any kind. In a run until decided, this applies to the current round; trials that its verdicts
-    made unnecessary are left out.
+    process is writing any more, these trials are unfinished: they are in the denominator of every rate over planned
+    trials, but are not a failure of any kind. In a run until decided, this applies to the current round; trials that
+    the verdicts made unnecessary are left out.
 
     Args:
         folder: The run, or its folder.
-        allow_mixed: Whether to accept records of several versions, engines or policies.
-        whole: Whether to count the trials that a run in progress has not reached as trials without a record.
+        allow_mixed: Whether to accept records with different versions, engines or policies.
+        whole: Whether trials that an ongoing run has not reached count as trials without a record.
         twins_in: For a run in LIBERO-PRO, a run of its base suite. Its trials with the same numbers are the twins.
         on_progress: Called with the number of processed trials and the number of planned trials.
 
@@ -94,7 +94,9 @@ def diagnose_run(
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
     reader = reader_of(run)
-    running = run.is_running and not whole  # read before the journal, so that a run that ends meanwhile is complete
+    running = (
+        run.is_running and not whole
+    )  # read before the journal, so that a run that ends in the meantime is complete
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for number, trial in enumerate(plan):
@@ -156,11 +158,11 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, re
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
-    """Return the diagnosis of several records of one policy, without a run folder.
+    """Return the diagnosis of several records from one policy, without a run folder.
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
-        RecordError: If no record is given, or one lacks a predicate of its task.
+        RecordError: If no record is given, or a record lacks one of its task's predicates.
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
@@ -224,9 +226,9 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Reader) -> RunDiagnosis:
-    """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes.
+    """Return a run's diagnosis from the readings of its records: second pass, metrics, findings, notes.
 
-    The rules of a policy are judged per task. In LIBERO they are judged per suite, because each task has only one
+    A policy's rules are judged per task. In LIBERO they are judged per suite, because each task has only one
     instruction.
     """
     group = {t.task: reader.group(t.task) for t in trials.plan}
@@ -278,7 +280,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
-    """Return the diagnosis of a trial under the ruling of the second pass."""
+    """Return a trial's diagnosis under the ruling of the second pass."""
     found = rules.get(trial.task)
     ruling = None if found is None else found.rulings.get(str(trial))
     if ruling is None:
@@ -288,10 +290,10 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 
 
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy that does not use the instruction.
+    """Return the diagnosis of a trial whose policy does not use the instruction.
 
     A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
-    attempt at the favorite place of its task, unless the place is the deciding cue over all tasks.
+    attempt at its task's favorite place, unless the place is the deciding cue over all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -303,7 +305,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the favorite kind of object of a policy per suite, for suites in which no rule explains the attempts."""
+    """Return a policy's favorite object kind per suite, for suites in which no rule explains the attempts."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)

@@ -1,22 +1,21 @@
-"""Second pass: search for the one rule that explains the wrong first attempts of a policy in all its tasks.
+"""Second pass: search for the single rule that explains a policy's wrong first attempts in all its tasks.
 
-Four kinds of rule predict the slot of a first attempt: *word* goes to the slot where a word of the instruction led in
-training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
+Four kinds of rule predict the slot of a first attempt: *word* goes to the slot to which a word of the instruction led
+in training. *habit* begins with the most frequent first step. *later* begins with the object of a later step. *place*
 always goes to the same slot, or to a fixed slot for each set of occupied slots, like a policy that takes the nearest
 object. All rules compete with undirected confusion. :mod:`betterbench.diagnosis.rule_likelihood` computes the
 likelihood of the attempts under each rule, and :mod:`betterbench.diagnosis.task_rules` the ruling within a task. See
-docs/second-pass.md for the whole model.
+docs/second-pass.md for the complete model.
 
 A single trial can show a wrong order. Only several trials with different instructions can show a favorite place. An
-attempt at the object of a later step is therefore a wrong order if "later" explains the first attempts of the policy in
-all its tasks together at least as well as the other rules (:func:`mistakes_order`).
+attempt at a later step's object is therefore a wrong order if "later" explains the policy's first attempts in all its
+tasks together at least as well as the other rules (:func:`mistakes_order`).
 
 Evidence is pooled over a policy's tasks, so findings in one task have some weight in the others. The prior cost of each
-kind of rule depends on the share of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
-that explains all these tasks clearly better than any other kind is the rule of the policy (:func:`rule_of_all_tasks`).
-If two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts of one task can
-outweigh the prior costs, which are at most 3.0 nats over ten tasks: as much as one attempt that only one of two rules
-predicts.
+kind of rule depends on the fraction of tasks with wrong attempts that it explains (:func:`pooled_prior_costs`). A kind
+that explains all these tasks clearly better than any other kind is the policy's rule (:func:`rule_of_all_tasks`). If
+two rules both predict a wrong attempt, the other tasks thus decide between them. The attempts in one task can outweigh
+the prior costs, which are at most 3.0 nats over ten tasks, as much as one attempt that only one of two rules predicts.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
 """Variants of "mistakes the order": begins with any later step, with the next, or with the last."""
 
 _PSEUDOCOUNT = 0.5
-"""Prior count of tasks explained by each kind of rule: Jeffreys' prior of a multinomial."""
+"""Prior count of tasks explained by each kind of rule: Jeffreys' prior for a multinomial."""
 _EM_STEPS = 200
 
 _Attempts = Mapping[str, Mapping[str, Choice]]
@@ -69,7 +68,7 @@ def judge_policy(choices: _Attempts) -> dict[str, TaskRules]:
 
 
 def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, float]:
-    """Return prior costs that assign ambiguous attempts to the rule of the policy."""
+    """Return prior costs that assign ambiguous attempts to the policy's rule."""
     others = {name: max(cost, ONE_ATTEMPT) for name, cost in prior_costs.items() if name != CONFUSION}
     return {**prior_costs, **others, usual: 0.0}
 
@@ -138,7 +137,10 @@ def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return the summed cost of the best rules of a kind in several tasks; tasks without such a rule cost confusion."""
+    """Return the summed cost of the best rules of one kind in several tasks.
+
+    A task without such a rule has the cost of confusion.
+    """
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
 
@@ -151,10 +153,10 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the most frequent].
+    """Return the prior cost of each kind of rule in a task, computed from all tasks [nats, 0 for the most frequent].
 
     Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated over all tasks
-    (empirical Bayes). The cost of a kind is the logarithm of the ratio of the largest share to the share of the kind.
+    (empirical Bayes). The cost of a kind is log(largest share / share of this kind).
     """
     costs = [
         [
@@ -169,7 +171,7 @@ def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
 
 
 def _mixture_shares(costs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the share of each component of a mixture, by expectation maximization (Dempster, Laird & Rubin 1977).
+    """Return the share of each mixture component, by expectation maximization (Dempster, Laird & Rubin 1977).
 
     Args:
         costs: (tasks, components) negative log-likelihood of each task under each component [nats].

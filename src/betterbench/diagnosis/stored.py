@@ -42,7 +42,7 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
-    """Stored form of the diagnosis of one trial.
+    """Stored form of one trial's diagnosis.
 
     Attributes:
         label: The outcome, under the label names of the version that wrote it.
@@ -145,7 +145,7 @@ def stored_path(run: RunFolder) -> Path:
 
 
 def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
-    """Write the diagnosis of a run into its folder, replacing an earlier one, and return the path.
+    """Write a run's diagnosis into its folder, replacing an earlier one, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.

@@ -1,4 +1,4 @@
-"""Rules of a policy in one task: fitting, comparison with confusion, and a ruling for each trial.
+"""Policy rules in one task: fitting, comparison with confusion, and a ruling for each trial.
 
 A rule is upheld if it costs less than confusion, the null hypothesis of undirected errors. This is a likelihood-ratio
 test with a penalty for choosing the rule. A favorite place also needs a pair of trials with different instructions that
@@ -28,7 +28,7 @@ class TaskRules:
     """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
 
     Attributes:
-        rules: All rules, the cheapest first; at equal cost in the order word, habit, later, place.
+        rules: All rules, the cheapest first; rules with equal cost are in the order word, habit, later, place.
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and distinguishable from similar rules.
         rulings: Ruling on each trial, by its key.
@@ -53,7 +53,7 @@ def judge_rules(
 
     Args:
         choices: First attempt per trial key.
-        prior_costs: Prior cost of each kind of rule [nats]; zero if not given.
+        prior_costs: Prior cost of each kind of rule [nats]; default zero.
         known: Kinds of rule that other tasks have proven for the policy. A known "place" needs no pair of trials in
             this task, and a known "word" no trials that distinguish it from a place. "later" is judged only by other
             tasks, because within one task a favorite place may look the same. None if other tasks have not been judged
@@ -95,7 +95,7 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
     """Return the cost of a rule apart from its likelihood [nats].
 
-    The slots of a place rule are fitted to the trials, so each slot adds the cost of a choice among all slots. Training
+    The slots of a place rule are fitted to the trials, so each slot adds the cost of choosing among all slots. Training
     fixes the other rules completely.
     """
     if name in (WORD, HABIT, LATER):
@@ -146,7 +146,8 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """Return the choices with their possible favorite slot, the most frequent one per set of occupied slots.
 
-    With ``paired``, a slot counts only if a pair of trials shows that it is favored regardless of the instruction.
+    With ``paired``, a slot counts only if a pair of trials shows that the policy favors it regardless of the
+    instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):
@@ -167,7 +168,7 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites although the trials do not prove it.
 
-    Without the penalty, such a slot is likelier than confusion, but there are too few trials to prove even a policy
+    Without the penalty, such a slot is more likely than confusion, but there are too few trials to prove even a policy
     that always goes there.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
@@ -186,7 +187,7 @@ def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_c
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """Rules of a task, applied to its trials.
+    """Task rules, applied to its trials.
 
     Attributes:
         attempts: All first attempts.

@@ -1,8 +1,8 @@
-"""Thresholds of the diagnosis alone, each with its unit, its reason and the effect of changing it.
+"""Thresholds used only by the diagnosis, each with its unit, its reason and the effect of changing it.
 
 Thresholds that live judging uses too (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
-with the thresholds of halts, falls, collisions and slips that every run lists in its conventions. The tolerance of a
-relation is in the file of the relation.
+together with the thresholds for halts, falls, collisions and slips that every run lists in its conventions. A
+relation's tolerance is in the relation file.
 
 Entries that are not listed were added to this table after they were in use: see
 :func:`betterbench.tasks.thresholds.threshold`.
@@ -13,13 +13,13 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 # fmt: off
 # Between a grasp and its target.
 DOUBT = threshold("doubt", 0.03, "m",
-    "When a gripper closes on nothing, the requested object is the missed object if it is at most this much "
-    "farther away than another object: poor aim does not prove a wrong choice.",
+    "When a gripper closes on nothing, the instructed object is the missed object if it is at most this much farther "
+    "away than another object: poor aim does not prove a wrong choice.",
     "Larger: more misses are attributed to the requested object; more execution_failure, fewer wrong_object and "
     "behavioral_inertia.")
 BETWEEN = threshold("between", 0.02, "m",
     "When a gripper closes on nothing, the target is ambiguous if another object is at most this much farther away "
-    "than the requested one; about the noise of a closing point.",
+    "than the requested object; about the noise of a closing point.",
     "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
 UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
@@ -28,22 +28,23 @@ UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
     "Larger: more attempts at a later step are right; fewer order_violation and causal_confusion, more "
     "execution_failure.")
 SQUEEZES = threshold("squeezes", 3, "1",
-    "Number of times that the fingers must partly close around a requested object and open again to count as an "
+    "Number of times that the fingers must partly close around an instructed object and open again to count as an "
     "attempt; one or two may be flicker of the command.",
     "Larger: fewer partial closings are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
-    "Number of failed or prematurely released grasps of the right object from which the trial is an execution "
-    "failure, even if the gripper holds the object at the step limit; honest policies had at most two.",
+    "Number of failed or prematurely released grasps of the right object that make the trial an execution failure, "
+    "even if the gripper holds the object at the step limit; honest policies had at most two.",
     "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
     "timeout.")
 MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
-    "Maximum distance of an object from the spot that would be right if the target still stood in its training slot; "
+    "Maximum distance from an object to the spot that would be right if the target were still in its training slot; "
     "slots vary by 15 mm to each side, and placements by as much.",
     "Larger: more placements count as memorized; more behavioral_inertia, fewer execution_failure.")
 
 # Stays: an empty gripper over an object.
 OVER_HEIGHT = threshold("over_height", 0.12, "m",
-    "Maximum height above the top of an object at which an open gripper is over it; grasps from above begin there.",
+    "Maximum height above the top of an object at which an open gripper is over the object; grasps from above begin "
+    "there.",
     "Larger: the gripper is over objects from higher up; more wrong_object and semantic_feature_collapse by a stay, "
     "fewer phase_conflict and timeout.")
 BESIDE = threshold("over_beside", 0.01, "m",
@@ -70,7 +71,7 @@ PASSING_AT_END = threshold("passing_at_end", 0.25, "1",
     "Larger: more stays at the end count; more wrong_object by a stay, fewer timeout.",
     listed=False)
 STRAIGHT = threshold("straight", 0.8, "1",
-    "Minimum ratio of the distance between start and end to the length of a path that goes straight on; motion to and "
+    "Minimum ratio of the start-to-end distance to the path length for a path that goes straight on; motion to and "
     "fro has a smaller ratio.",
     "Larger: fewer paths at the end are passing; more wrong_object by a stay, fewer timeout.",
     listed=False)
@@ -78,13 +79,14 @@ RETREAT = threshold("retreat", 0.15, "m",
     "Distance that an open gripper must move away from its position over an object before coming back is a return.",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
-    "Number of times that an open gripper must come over the right object, leaving it in between, to count as moving "
-    "to and fro. None of 645 honest trials of the independent family had even two before the first grasp.",
+    "Number of times that an open gripper must come over the right object, leaving it in between, for the motion to "
+    "count as moving to and fro. None of 645 honest trials of the independent family had even two before the first "
+    "grasp.",
     "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
 COMES_DOWN = threshold("comes_down", 0.035, "m",
-    "Maximum height above the base of a flat object at which a gripper has come down to it. Plates, slices and "
+    "Maximum height above a flat object's base at which a gripper has come down to the object. Plates, slices and "
     "cutlery are lower than the fingers, so the tool center point is above their top during a grasp.",
-    "Larger: the gripper has come down to flat objects earlier; more timeout of a gripper that does not close, fewer "
+    "Larger: the gripper has come down to flat objects earlier; more timeout for grippers that do not close, fewer "
     "phase_conflict.")
 FLICKER_TIME = threshold("flicker_time", 0.25, "s",
     "Interruptions of a contact, a stay or a grip that are shorter than this are ignored, because contacts and "
@@ -123,26 +125,26 @@ SHOVED_AGAIN = threshold("shoved_again", 2, "1",
     "way.",
     "Larger: more shoves are tolerated; fewer execution_failure, more timeout.")
 BEGINS_TO_MOVE = threshold("begins_to_move", 0.002, "m",
-    "Displacement from which a touched object is moving; the noise of contacts is smaller.",
+    "Displacement above which a touched object is moving; contact noise is smaller.",
     "Larger: pushes begin later, so that other evidence more often comes first; fewer wrong_object by a push.",
     listed=False)
 CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
-    "Minimum finger travel of a closing around an object without contact for an intended grasp; fingers "
-    "are preset to the width of an object before they descend to it.",
+    "Minimum finger travel for a closing around an object without contact to be an intended grasp; fingers are preset "
+    "to the object width before they descend.",
     "Larger: fewer partial closings are intended grasps; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
     "Number of times that an open gripper must descend, run into the right object and rise again for the grasp to "
     "have failed. A policy that is merely slow does not run into the object.",
     "Larger: more contacts with the right object are tolerated; fewer execution_failure, more timeout.")
 RISEN_AGAIN = threshold("risen_again", 0.03, "m",
-    "Height by which a gripper must rise after a partial closing or a contact from above to have given up that "
-    "attempt.",
+    "Height by which a gripper must rise after a partial closing, or after a contact from above, for that attempt to "
+    "be given up.",
     "Larger: fewer attempts are given up; fewer execution_failure, more timeout.",
     listed=False)
 
 # To and fro.
 TO_AND_FRO = threshold("to_and_fro", 5.0, "1",
-    "Minimum ratio of the path length of an empty gripper to the diameter of its region for motion to and fro. A "
+    "Minimum ratio between an empty gripper's path length and the diameter of its region for motion to and fro. A "
     "straight path has 1; 99 % of the paths of honest policies between two grasps have less than 4.4.",
     "Larger: fewer paths are to and fro; fewer phase_conflict, more timeout.")
 TO_AND_FRO_TRAVEL = threshold("to_and_fro_travel", 0.4, "m",
@@ -153,8 +155,8 @@ LEAST_REGION = threshold("least_region", 0.02, "m",
     "Larger: fewer small motions are to and fro; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "Minimum share of its distance to the right object by which the center of a path must come nearer from each "
-    "quarter to the next for the path to lead there. The center of undecided motion to and fro does not come nearer.",
+    "Minimum fraction of its distance to the right object by which a path's center must come nearer from each quarter "
+    "to the next for the path to lead there. The center of undecided motion to and fro does not come nearer.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
@@ -174,24 +176,24 @@ PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
     "For a policy with long pauses: multiple of its longest earlier pause above which a stop is a halt.",
     "Larger: more stops at the end are pauses; fewer early_halt, more timeout.")
 TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
-    "Time within halt_radius until the end after which an arm that never stands still has halted; honest "
+    "Time within halt_radius until the end after which an arm that is never completely still has halted; honest "
     "policies of the independent family move on after at most 6.5 s.",
     "Larger: an arm must tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
 OVER_GOAL = threshold("over_goal", 0.06, "m",
-    "Maximum horizontal distance of a held object from the center of its target region at which it has been brought "
-    "there; wider regions count up to their edge.",
-    "Larger: more objects are held at their target region; more timeout of a gripper that never opens, fewer "
+    "Maximum horizontal distance between a held object and the center of its target region for the object to have "
+    "been brought there; wider regions count up to their edge.",
+    "Larger: more objects are held at their target region; more timeout for grippers that never open, fewer "
     "early_halt.")
 SEARCH_STEP = threshold("search_step", 0.5, "s",
     "Interval at which starts of a halt, or of motion to and fro, are searched; a shorter interval finds the same "
-    "ones slightly earlier.",
+    "starts slightly earlier.",
     "Larger: halts and motion to and fro begin later or are missed; fewer early_halt and phase_conflict, more "
     "timeout.",
     listed=False)
 
 # Other worlds.
 RESTS_ON_GAP = threshold("rests_on_gap", 0.01, "m",
-    "Maximum gap between an object and the support surface of a target in LIBERO at which the object is on it: "
+    "Maximum gap between an object and a target's support surface in LIBERO for the object to be on the surface: "
     "surfaces are uneven, and contacts are not required.",
     "Larger: more objects are on their targets; more causal_confusion of finished steps, fewer execution_failure.",
     listed=False)
@@ -228,12 +230,12 @@ OTHER_TASKS = threshold("other_tasks", 2, "1",
 ONE_ATTEMPT = threshold("one_attempt", 3.0, "1",
     "Weight of one first attempt that only one of two rules predicts [nats]: its probability is nearly 1 under that "
     "rule and slip under the other, and -log(slip) is 3.0.",
-    "Larger: the rule of all tasks decides more attempts that fit several rules; more of the label of that rule, "
-    "fewer wrong_object.",
+    "Larger: the rule over all tasks decides more attempts that fit several rules; more of that rule's label, fewer "
+    "wrong_object.",
     listed=False)
 CLEARLY = threshold("clearly_better", 2.0, "1",
-    "Margin in nats by which one kind of rule must explain all tasks better than any other to be the rule of the "
-    "policy: odds of 7.",
+    "Margin in nats by which one kind of rule must explain all tasks better than any other kind to be the policy's "
+    "rule: odds of 7.",
     "Larger: fewer policies have one rule in all tasks; more wrong_object, fewer lexical_kinematic_shortcut and "
     "visual_layout_bias.",
     listed=False)
@@ -245,8 +247,8 @@ LEAST_PAIRS = threshold("instruction_pairs", 10, "1",
     "Larger: fewer policies are found not to use the instruction; fewer visual_layout_bias, more wrong_object.",
     listed=False)
 USED = threshold("instruction_used", 0.5, "1",
-    "Instruction effect of a policy that picks one of two objects at random; it must be excluded before the "
-    "conclusion that a policy does not use the instruction.",
+    "Instruction effect of a policy that picks one of two objects at random; this value must be excluded before "
+    "concluding that a policy does not use the instruction.",
     "Larger: more policies are found not to use the instruction, and fewer to have a favorite kind of object; more "
     "visual_layout_bias in betterbench's own scenes, fewer in other worlds.",
     listed=False)
@@ -267,8 +269,8 @@ NEARLY_ALL = threshold("nearly_all", 0.9, "1",
 
 # Sentences about several trials, and the power matrix.
 SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
-    "Minimum share of a policy's trials of one mode that must look alike for a conclusion more specific than that of "
-    "the mode.",
+    "Minimum share of a policy's trials with one mode that must look alike for a conclusion more specific than the "
+    "mode.",
     "Larger: no label changes; conclusions are less specific.",
     listed=False)
 REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
@@ -276,6 +278,6 @@ REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
     "slots leaves this much.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 FAILS_AT = threshold("fails_at", 0.5, "1",
-    "Maximum success rate at which a pretender fails a variation: that of a coin flip.",
+    "Maximum success rate at which a pretender fails a variation: the rate of a coin flip.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 # fmt: on

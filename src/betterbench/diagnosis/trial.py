@@ -35,7 +35,7 @@ from betterbench.tasks.labels import Label
 class Choice:
     """First attempt of a trial: its slot, and the slots that each rule predicts.
 
-    Slots of two layouts at the same position share the name of the first one.
+    If slots of two layouts are at the same position, they share the name of the first slot.
 
     Attributes:
         layout: Objects by slot at the start, for comparing trials of the same layout.
@@ -44,14 +44,14 @@ class Choice:
         correct: Whether the first attempt (or its absence) was right.
         word_slots: Slots to which the word led in training.
         habit_slots: Slots of the most frequent first step; empty if training has none.
-        later_slots: Slots of the objects of later steps; empty if the order is free.
-        step_slots: Slots of the objects of each later step separately, in order.
+        later_slots: Slots of later steps' objects; empty if the order is free.
+        step_slots: Slots of each later step's objects separately, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
-        color: Color of that object.
+        color: That object's color.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
         favorite_slots: Slot that the policy may favor in trials with the same occupied slots; set by the second pass.
-        replaced: Whether the slot of the first attempt, to which the habit leads, contained another object. A single
+        replaced: Whether another object was in the slot of the first attempt, to which the habit leads. A single
             trial then does not show the habit.
     """
 
@@ -162,7 +162,7 @@ def trial_diagnosis(
 
 
 def offline_truth(record: Record) -> list[Truth]:
-    """Judge every state of a record again with the goal tracker of the live judgment.
+    """Judge every state in a record again with the goal tracker used for live judgment.
 
     Returns:
         One goal state per row; its subgoal, goal and forbidden flags equal the recorded flags exactly.
@@ -180,7 +180,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode and its closings far from all objects, in order of time."""
+    """Return an episode's grasp attempts and its closings far from all objects, in time order."""
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
@@ -230,7 +230,7 @@ def _distance_at_start(trace: Trace, item: int) -> float:
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
-    """Yield the slots of the objects of each later step, if the order is fixed."""
+    """Yield the slots of each later step's objects, if the order is fixed."""
     for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
         yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 

@@ -14,11 +14,11 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule and decisions of a run that stops adding trials to a variation once its verdict is certain.
+    """Stopping rule for a run that adds trials to a variation until its verdict is certain, and its decisions.
 
     Attributes:
         rule: Rule by which a variation is decided.
-        first_seeds: Seeds of the first round, which every variation gets regardless of the outcomes.
+        first_seeds: Seeds in the first round, which every variation gets regardless of the outcomes.
         decisions: Decisions after the last complete round.
     """
 
@@ -27,12 +27,12 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return the state of a variation by its full name ("fast_food/T1"), or None if it is not in the run."""
+        """Return a variation's state by its full name ("fast_food/T1"), or None if it is not in the run."""
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """The trials of the current round without a record; empty if the run is complete."""
+        """The trials in the current round without a record; empty if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the meaning of the verdicts and of the numbers."""
+        """Return notes on the meaning of the verdicts and figures."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (

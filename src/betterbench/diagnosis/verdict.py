@@ -1,4 +1,4 @@
-"""Results of the diagnosis per trial and for a whole run, as plain values with a JSON form."""
+"""Results of the diagnosis per trial and for a complete run, as plain values with a JSON form."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Evidence:
 
     Attributes:
         start_s: Beginning of the time span [s].
-        shared: Properties that the grasped object shares with the object it was mistaken for ("color", "shape"; for a
-            look-alike also "slot").
+        shared: Properties that the grasped object shares with the object for which it was mistaken ("color", "shape";
+            for a look-alike also "slot").
         candidates: Labels that the trial alone could not distinguish; the second pass may distinguish them.
     """
 
@@ -34,7 +34,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One grasp attempt, or a closing of the gripper far from all objects, which has neither object nor slot.
+    """One grasp attempt, or a gripper closing far from all objects, which has neither object nor slot.
 
     Attributes:
         object: Object that was grasped at, or None for an air grasp.
@@ -56,9 +56,9 @@ class TrialDiagnosis:
     """Diagnosis of one trial.
 
     Attributes:
-        variation: Name of the variation, or None for a training condition.
-        condition: Name of the training condition; for a variation, the training condition of its twin.
-        axis: Axis of the variation, or None.
+        variation: Variation name, or None for a training condition.
+        condition: Training condition name; for a variation, the training condition of its twin.
+        axis: Variation axis, or None.
         expected: "succeed", "refuse" or "stay_still".
         first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
             is counted only if the drawer itself is requested first.
@@ -67,14 +67,16 @@ class TrialDiagnosis:
         intended: Object that the first attempt should have been at, or None if no attempt was right. If the attempt was
             right, its object; else the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: All objects at which the first attempt would have been right, ordered by subgoal and then by slot.
-        intention_correct: Whether the first attempt was at a requested object (suite, section 4), or None without a
+        intended_any: All objects for which the first attempt would have been right, ordered by subgoal and then by
+            slot.
+        intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
             record.
         progress: Number of subgoals completed in a valid order, divided by the number requested.
-        harm: Harm to objects that were not requested, one clause each ("the mouse lies on the floor"). Harm rules out
-            success.
-        needless: For a success, the steps of training that the policy repeated without a request, such as a grasp at an
-            emptied slot. They are evidence of inertia that did not prevent the goal. Empty otherwise.
+        harm: Harm to objects that the instruction does not involve, one clause each ("the mouse lies on the floor").
+            Harm rules out success.
+        needless: For a success, the training steps that the policy repeated although the instruction did not request
+            them, such as a grasp at an emptied slot. They are evidence of inertia that did not prevent the goal. Empty
+            otherwise.
         collisions: Number of times that the robot, or its held object, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
         scene: Digest of the initial state. Trials of one seed with the same digest differ only in the instruction.
@@ -111,7 +113,7 @@ class TrialDiagnosis:
 
     @property
     def kind(self) -> Kind:
-        """Kind of failure of the label."""
+        """Failure kind of the label."""
         return self.label.kind
 
     @property
@@ -184,17 +186,17 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """Diagnosis of a run: its trials, metrics and findings.
+    """Run diagnosis: its trials, metrics and findings.
 
     Attributes:
         trials: One entry per counted trial, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
-        notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that a run in progress has not reached; they are not counted. Empty if no process writes
+        notes: Run limits, one sentence each (missing pairs, smallest detectable difference).
+        waiting: Planned trials that an ongoing run has not reached; they are not counted. Empty if no process writes
             to the run any more: its missing trials are then unfinished ``trials``.
         until_decided: Verdict on each variation of a run until decided, or None. Trials that its verdicts made
             unnecessary are left out.
-        address: Address of the policy for commands; default: ``policy``.
+        address: Policy address for commands; default: ``policy``.
     """
 
     policy: str
@@ -209,7 +211,7 @@ class RunDiagnosis:
     address: str = ""
 
     def __post_init__(self) -> None:
-        """Use the name of the policy as its default address."""
+        """Use the policy name as its default address."""
         if not self.address:
             object.__setattr__(self, "address", self.policy)
 

@@ -1,4 +1,4 @@
-"""Versions of the records of a run, which must not be mixed silently."""
+"""Versions of a run's records, which must not be mixed silently."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SCENE_KEYS = ("model", "scene", "hash")
 
 
 class RecordVersions:
-    """The versions found in the records of a run."""
+    """The versions found in a run's records."""
 
     def __init__(self, *, allow_mixed: bool) -> None:
         self._allow_mixed = allow_mixed

@@ -14,13 +14,13 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Input of an episode to its policy.
+    """Episode input to its policy.
 
     A named tuple for speed, like :class:`Reply`, because every control step makes one.
 
     Attributes:
         seen: The start of the episode (which requests no actions), an observation, or the privileged state.
-        wanted_in: Control steps for which the episode can continue without the reply; 0 if it must wait.
+        wanted_in: Number of control steps for which the episode can continue without the reply; 0 if it must wait.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -28,10 +28,10 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Answer of a policy, with the answer time.
+    """Policy answer, with the answer time.
 
     Attributes:
-        actions: Answer as an array of any shape and type; empty for the start of an episode.
+        actions: Answer as an array of any shape and type; empty at the start of an episode.
         took_s: Time from question to answer [s].
     """
 
@@ -69,7 +69,7 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 class PolicyBoundary:
     """Boundary that turns every exception of a policy into a :class:`PolicyError`, which ends only the trial.
 
-    Two errors that concern the whole run pass unchanged: a server that cannot be reached, and a server with changed
+    Two errors that concern the complete run pass unchanged: a server that cannot be reached, and a server with changed
     conventions. The context manager has no state, so one instance is enough.
     """
 

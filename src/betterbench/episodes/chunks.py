@@ -1,4 +1,4 @@
-"""Action chunks: timing of requests to a policy, and choice of the action for each control step."""
+"""Action chunks: when to send requests to a policy, and which action to use at each control step."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from betterbench.sim.worlds import TrialScene
 class Chunks:
     """Chunk execution: requests chunks and yields the action of each control step.
 
-    With ``ahead``, the next chunk is requested while some actions of the old chunk are left. The same number of actions
-    of the reply belong to steps that have passed, and are dropped. The observation for a chunk and the step of each
-    action therefore do not depend on the speed of the policy.
+    With ``ahead``, the next chunk is requested while some actions of the old chunk are left. Actions in the reply that
+    belong to steps that have already passed are dropped. The observation for a chunk and the step of each action
+    therefore do not depend on the policy's speed.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images of the next question, if it follows immediately, before other uses of the state.
+        """Render the images for the next request, if it follows immediately, before other uses of the state.
 
         Rendering empties the processor's caches; in this order, they are filled only once before the next action.
         """
@@ -111,11 +111,11 @@ class Chunks:
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Record the duration of a step of a scene that draws during steps [s], and whether the step drew."""
+        """Record how long a step took in a scene that draws during steps [s], and whether the step drew."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the time of drawing during steps [s]: the extra time of steps with images over steps without.
+        """Return the drawing time during steps [s]: the extra time of steps with images over steps without.
 
         The result is 0 if every step had images, because the parts cannot be separated then.
         """
@@ -152,7 +152,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return the input of the policy: an observation, or the state for a privileged policy."""
+        """Return the policy's input: an observation, or the state for a privileged policy."""
         if self._observer is None:
             return state
         began = time.perf_counter()

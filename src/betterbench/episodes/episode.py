@@ -32,12 +32,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """Result of an episode: record, wall-clock times and states.
+    """Episode result: record, wall-clock times and states.
 
     Attributes:
         record: The privileged record, a pure function of trial and policy.
         wall: Wall-clock figures, which are not part of the record [s].
-        states: States of all rows of the record, for immediate use by the caller.
+        states: States for all record rows, for immediate use by the caller.
     """
 
     record: Record
@@ -75,7 +75,7 @@ def run_episode(
     the record then contains the demonstrator's action as ``action`` and the executed action as ``applied``.
 
     Raises:
-        PremiseError: If the scene contradicts the premise of the instruction.
+        PremiseError: If the scene contradicts the instruction's premise.
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the policy's server now serves another policy.
     """
@@ -127,13 +127,13 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from reset to its end, and yield whenever the policy must answer.
 
-    One thread can thus interleave many episodes. The result does not depend on the duration of an answer. Without an
+    One thread can thus interleave many episodes. The result does not depend on an answer's duration. Without an
     observer, the policy gets the privileged state; ``privileged`` is then called here, and nothing is yielded. Yields a
     question, or None if the reply to the last question is needed now.
 
     Raises:
-        PremiseError: If the scene contradicts the premise of the instruction.
-        PolicyKilledError: If the process of the policy was ended from outside.
+        PremiseError: If the scene contradicts the instruction's premise.
+        PolicyKilledError: If the policy's process was ended from outside.
     """
     began = time.perf_counter()
     state = scene.reset()
@@ -185,12 +185,12 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge of an episode, in blocks of states that end before the episode can succeed.
+    """Recorder and judge for an episode, in blocks of states that end before the episode can succeed.
 
     Between two physics steps, the processor's caches are cold, and judging a single state takes two to three times as
-    long per state as judging several. A goal must hold for some time, so the course of an episode never depends on a
-    state of the current block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, least time of each block,
-    three tasks): the loop takes 1.15 to 1.16 times the bare physics, and 1.21 to 1.32 times if every state is judged
+    long per state as judging several. A goal must hold for some time, so the episode never depends on a state in the
+    current block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block, three tasks): the
+    loop takes 1.15 to 1.16 times as long as the bare physics, and 1.21 to 1.32 times if every state is judged
     immediately.
     """
 
@@ -250,7 +250,7 @@ def append_row(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    """Append a row to the record of an episode: scene state, goal state and preceding action."""
+    """Append a row to an episode's record: scene state, goal state and preceding action."""
     builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
     _append_truth(builder, truth)
 

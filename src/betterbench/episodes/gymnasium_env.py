@@ -25,8 +25,9 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Number of values and bound of each measurement, wider than all possible values: the joints' limits are within 3.8 rad
-and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
+"""Size and bound of each measurement, wider than all possible values: the joint limits are within 3.8 rad and 2.7
+rad/s, the reach is within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m.
+"""
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
@@ -40,7 +41,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     Args:
         task: Task id.
-        variation: Name of a variation, or of a training condition; by default the first training condition.
+        variation: Name of a variation or training condition; default: the first training condition.
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
@@ -85,7 +86,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """Instruction of the robot; in a vector environment, use ``envs.get_attr("instruction")``."""
+        """Robot instruction; in a vector environment, use ``envs.get_attr("instruction")``."""
         return self._condition.instruction.text
 
     @property
@@ -99,7 +100,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Start a trial.
 
         Args:
-            seed: Seed of the trial; seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own
+            seed: Trial seed; seed 3 is trial 3 of ``better eval``. Without a seed, the environment's own
                 generator draws one.
             options: Not used.
         """

@@ -18,7 +18,7 @@ Factory = Callable[[], TaskEnv]
 
 
 class ActiveEnv:
-    """Group of vector environments, only one of which has open environments."""
+    """Group of vector environments in which only one has open environments."""
 
     def __init__(self) -> None:
         self._active: _LazyVectorEnv | None = None

@@ -36,7 +36,7 @@ gymnasium.register(
 
 
 class _Seen:
-    """Stand-in for an environment in another process, with the attributes that LeRobot checks with ``hasattr``."""
+    """Stand-in for an environment in another process, with the attributes that LeRobot checks using ``hasattr``."""
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description
@@ -63,7 +63,7 @@ def make_env(
 
     Returns:
         Vector environments by suite and number. Each condition is a separate suite, so LeRobot lists success rates by
-        condition. Seeds of a reset equal those of ``better eval``: seed 3 is trial 3.
+        condition. Reset seeds are the same as in ``better eval``: seed 3 is trial 3.
 
     Raises:
         InvalidInputError: If a number is out of range.

@@ -49,7 +49,7 @@ class LeRobotTaskEnv(TaskEnv):
 
     Args:
         task: Task id.
-        variation: Name of a variation, or of a training condition; default the first training condition.
+        variation: Name of a variation or training condition; default: the first training condition.
         state: Name of the state layout, "ee" or "joints".
         cameras: New names of the cameras ({"front": "image", "wrist": "image2"}); other cameras keep their names.
         observation: Name of an observation preset.

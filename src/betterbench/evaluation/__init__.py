@@ -1,9 +1,9 @@
-"""Evaluation: workers run a plan of trials and write a folder from which the same command resumes.
+"""Evaluation: workers run a plan's trials and write a folder from which the same command resumes.
 
 The packages, from the bottom up: ``planning`` (plan and manifest of a run), ``trials`` (one trial in one process),
-``workers`` (worker processes of this machine), ``serving`` (policies behind the openpi protocol), ``ray_engine``
-(workers on a Ray cluster), ``running`` (a whole run, external loops, replay), ``preflight`` (a policy check before a
-run) and ``integrations`` (the tasks in other harnesses). ``figures`` renders images and videos.
+``workers`` (local worker processes), ``serving`` (policies behind the openpi protocol), ``ray_engine`` (workers on a
+Ray cluster), ``running`` (complete runs, external loops, replay), ``preflight`` (a policy check before a run) and
+``integrations`` (the tasks in other harnesses). ``figures`` renders images and videos.
 
 Each public name is imported from its module at first use.
 """

@@ -8,4 +8,5 @@
 - ``folder``: a folder of scenarios, as ``better generate`` writes it.
 - ``cast``: a scenario with an object of the library for each description.
 - ``patterns``: one file per template, which turns a cast into a task with training conditions and variations.
+- ``better_release``: import and audit of tasks in the format of the BeTTER release.
 """

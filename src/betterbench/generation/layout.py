@@ -18,6 +18,9 @@ FREE_M = 0.002
 """Least distance of two objects at the ends of the jitter of their slots [m]."""
 GRIP_M = 0.074
 """Largest width that the gripper grasps [m]: its opening of 80 mm, less the margins that the planner keeps."""
+LOW_M = 0.009
+"""Least height of a grasp above the table [m]: at 9.8 mm (rolls of tape) the expert finds free grasps, at 5.5 mm (thin
+stacks of napkins) the fingers touch the table (measured)."""
 SEEN_M = 0.050
 """Least apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
 
@@ -37,6 +40,7 @@ class Footprint:
             sides, or height and shorter side foreshortened.
         layer_m: Smallest and largest height of the surface that carries the next object [m].
         grip_m: Largest over the looks of the narrowest grasp [m]; None if a look has no grasp.
+        low_m: Smallest over the looks of the height of the highest grasp [m]; 0 without grasps.
         longish: Whether the object is more than 1.5 times as long as wide in a look.
         inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a look
             has no such region.
@@ -51,6 +55,7 @@ class Footprint:
     seen_m: float
     layer_m: tuple[float, float]
     grip_m: float | None
+    low_m: float
     longish: bool
     inside_m: tuple[float, float, float] | None
     regions: frozenset[str]
@@ -99,6 +104,7 @@ def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
         min(max(x, y, (z + min(x, y)) / math.sqrt(2.0)) for x, y, z in (asset.size_m for asset in assets)),
         (min(tops), max(tops)),
         None if math.isinf(max(grips)) else max(grips),
+        min(max((g.pose.position[2] for g in asset.grasps), default=0.0) for asset in assets),
         any(asset.size_m[0] > 1.5 * asset.size_m[1] for asset in assets),
         inside,
         frozenset.intersection(*(frozenset(named) for named in regions)),
@@ -116,13 +122,16 @@ def require_usable(group_id: str, objects: Iterable[ObjectSpec]) -> None:
         grip = size.grip_m
         where = f"cast group {group_id!r}: {spec.name}"
         if grip is None:
-            problem = f"the gripper cannot grasp a {spec.kind} (category {spec.category})"
+            problem = f"the gripper cannot grasp the {spec.kind} (category {spec.category})"
             raise InvalidInputError(where, problem, "Choose an asset with grasps")
         if grip > GRIP_M:
-            problem = f"a {spec.kind} is {1000 * grip:.0f} mm wide where it is grasped; the gripper takes up to 74 mm"
+            problem = f"the {spec.kind} is {1000 * grip:.0f} mm wide where it is grasped; the gripper takes up to 74 mm"
             raise InvalidInputError(where, problem, "Choose a smaller object")
+        if size.low_m < LOW_M:
+            problem = f"the {spec.kind} can be so flat that the grasp is {1000 * size.low_m:.0f} mm above the table"
+            raise InvalidInputError(where, problem, "Choose a thicker object; the fingers need 9 mm")
         if size.seen_m < SEEN_M:
-            problem = f"a {spec.kind} can look as small as {1000 * size.seen_m:.0f} mm; the camera needs 50 mm"
+            problem = f"the {spec.kind} can look as small as {1000 * size.seen_m:.0f} mm; the camera needs 50 mm"
             raise InvalidInputError(where, problem, "Choose a larger object")
 
 

@@ -1,4 +1,4 @@
-"""Action spaces: the meaning of each number of an action, as values that both sides of a handshake compare.
+"""Action spaces: the meaning of each number in an action, as values that both sides of a handshake compare.
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
 width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies expect the same
@@ -18,7 +18,7 @@ import numpy as np
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 
 TRANSLATION_PER_UNIT_M = 0.05
-"""Translation of one action unit [m]; the output scale of robosuite's OSC_POSE controller, used by LIBERO."""
+"""Translation per action unit [m]; the output scale of robosuite's OSC_POSE controller, used by LIBERO."""
 
 ROTATION_PER_UNIT_RAD = 0.5
 """Rotation of one action unit [rad]; the same controller's scale for its axis-angle part."""
@@ -35,14 +35,14 @@ GRIPPER_CONVENTION = (
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:
-    """Declaration of the meaning of each number of an action.
+    """Declaration of what each number in an action means.
 
     Attributes:
         name: Name of the action space ("ee_delta").
         components: Name of each number, in order; the last one is always "gripper".
         units: Unit of each number after multiplication by its scale ("m", "rad", "1").
-        low: Smallest allowed value of each number; smaller ones are clipped, except in CALVIN (:attr:`clips`).
-        high: Largest allowed value of each number; larger ones are clipped, except in CALVIN.
+        low: Smallest allowed value of each number; smaller values are clipped, except in CALVIN (:attr:`clips`).
+        high: Largest allowed value of each number; larger values are clipped, except in CALVIN.
         scale: Size of one unit of each number, in ``units``.
         convention: Frame, reference and polarity in words, compared at every handshake.
     """
@@ -79,7 +79,7 @@ class ActionSpace:
 
     @property
     def neutral(self) -> np.ndarray | None:
-        """The action for no motion, shape (dim,), or None if it depends on the state of the robot."""
+        """The action for no motion, shape (dim,), or None if it depends on the robot's state."""
         return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property
@@ -253,7 +253,7 @@ CALVIN_RELATIVE = ActionSpace(
 ``max_rel_orn``). The gripper is 1 or -1, as in its wrapper ``play_lmp_wrapper.py``."""
 
 _UNBOUNDED = 1000.0
-"""Bound for numbers that a world does not clip; it rejects values that cannot be a position or an angle."""
+"""Bound for numbers that a world does not clip; values beyond it cannot be a position or an angle and are rejected."""
 
 _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 
@@ -319,13 +319,13 @@ PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""Action spaces in the conventions of each world, the usual one first; the empty name stands for our own scenes."""
+"""Action spaces in each world's conventions, the usual one first; the empty name stands for our own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name, of our own scenes or of another world."""
+    """Return a registered action space by name, for our own scenes or another world."""
     known = ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]

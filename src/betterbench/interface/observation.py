@@ -26,7 +26,7 @@ class ObservationSpec:
 
     Attributes:
         depth: True to add depth images [m].
-        masks: True to add instance masks. Depth and masks are privileged and refused for real policies unless
+        masks: True to add instance masks. Depth and masks are privileged and withheld from real policies unless
             requested.
     """
 
@@ -72,7 +72,7 @@ _PRESETS = {
 def observation_spec(name: str) -> ObservationSpec:
     """Return an observation preset by name.
 
-    The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's
+    The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views in the paper's
     release), "droid" (side and wrist views, 320 x 180, for policies trained on DROID), "calvin" (front, 200 x 200, and
     wrist, 84 x 84, as in CALVIN), "calvin_depth" (the same with depth images) and "state_only" (only proprioception and
     instruction).
@@ -85,10 +85,10 @@ def observation_spec(name: str) -> ObservationSpec:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Input of a policy at one control step: instruction, images and proprioception.
+    """Policy input at one control step: instruction, images and proprioception.
 
     Attributes:
-        instruction: Instruction of the task.
+        instruction: Task instruction.
         step: Control steps taken since reset.
         images: Upright RGB image per camera, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].
@@ -98,7 +98,7 @@ class Observation:
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless requested.
         masks: Per camera (height, width) int32 instance ids; empty unless requested.
-        native: State as the clients of another world read it, by the names of our state parts; else empty.
+        native: State in the form that clients of another world read, by the names of our state parts; otherwise empty.
     """
 
     instruction: str

@@ -24,14 +24,14 @@ _EXECUTION_KINDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Execution:
-    """Execution settings of action chunks: horizon, requests ahead of time, and temporal ensembling.
+    """Execution settings for action chunks: horizon, requests ahead of time, and temporal ensembling.
 
     Attributes:
-        horizon: Number of actions of each chunk that are executed before the next request; None for all of them.
-        ahead: Number of control steps before the end of a chunk at which the next one is requested. The rest of the old
-            chunk is executed in the meantime, and the same number of actions at the beginning of the new chunk is
+        horizon: Number of actions executed from each chunk before the next request; None for all of them.
+        ahead: Number of control steps before the end of a chunk at which the next chunk is requested. Meanwhile, the
+            rest of the old chunk is executed, and the same number of actions at the beginning of the new chunk is
             dropped, because their steps have passed. With 0, the simulation waits for every answer.
-        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action of a
+        ensemble: None, or the rate m of temporal ensembling. The policy is called at every step, and the action for a
             step is the mean of all predictions for it, weighted by exp(-m i) with i = 0 for the oldest prediction (Zhao
             et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A negative rate
             gives newer predictions more weight.
@@ -87,7 +87,7 @@ def episode_number(seed: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """Description of a policy, given by the policy itself and stored with the run.
+    """Policy description, given by the policy itself and stored with the run.
 
     Attributes:
         name: Address under which the policy was requested.
@@ -95,7 +95,7 @@ class PolicyInfo:
         needs_images: False if the policy uses no images, which are then not rendered.
         cameras: Cameras that the policy uses; other cameras are not rendered. None for all.
         metadata: Texts by name (checkpoint, revision, server), which are copied.
-        execution: Execution settings of its action chunks.
+        execution: Execution settings for its action chunks.
         heavy: True if the policy keeps model weights in this process. All workers of a run then share one instance if
             it accepts batches (:class:`BatchPolicy`). Otherwise a run uses one worker unless more are requested.
     """
@@ -140,10 +140,10 @@ class Policy(Protocol):
 
     @property
     def info(self) -> PolicyInfo:
-        """Description of the policy, stored with the run."""
+        """Policy description, stored with the run."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Reset the state of the policy for a new episode."""
+        """Reset the policy's state for a new episode."""
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim), to execute in order, or a single action, (dim,)."""

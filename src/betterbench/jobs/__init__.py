@@ -1,10 +1,11 @@
 """Resumable jobs: a plan of items, a journal or files that survive a crash, workers, and child processes.
 
 - ``job``: runs the unfinished items of a plan and stores each result (:func:`run_items`), in a locked folder
-  (:func:`job_folder`). ``conflict`` refuses a folder with other files or another job.
+  (:func:`job_folder`). ``conflict`` rejects a folder with other files or another job.
 - ``item_processes``, ``item_threads``, ``retries``: process several items at once and retry items whose worker died.
 - ``line_journal``, ``durable``: one synced line per finished item, and files that are complete or absent.
-- ``lock``, ``places``, ``outputs``: one writer per folder or file, no link out of it, and nothing of others replaced.
+- ``lock``, ``places``, ``outputs``: one writer per folder or file, no links out of it, and no replacement of other
+  people's files.
 - ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their end with the parent.
 - ``limited_process``: child processes with limits of memory and time, which read files from strangers.
 - ``ahead``: items that a thread makes before they are needed.

@@ -24,8 +24,7 @@ _PIECE = 1 << 20
 class AskedProcess:
     """Process that answers requests by frames (:mod:`betterbench.jobs.frames`).
 
-    The process leads its own session, so that signals to its group, such as Ctrl-C, do not reach the run, and vice
-    versa.
+    The process leads its own session, so signals to its group, such as Ctrl-C, do not reach the run, and vice versa.
     """
 
     def __init__(
@@ -99,7 +98,7 @@ class AskedProcess:
         return self._answer()
 
     def greeting(self, *, limit_s: float) -> FrameContent:
-        """Return the first frame of the process, sent without a request; raise the errors of :meth:`ask`."""
+        """Return the process's first frame, sent without a request; raises the same errors as :meth:`ask`."""
         self._until = time.monotonic() + limit_s
         return self._answer()
 

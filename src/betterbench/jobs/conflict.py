@@ -1,4 +1,4 @@
-"""Conflicts of a job with the content of its folder: other files, or another job."""
+"""Conflicts of a job with its folder's content: other files, or another job."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
     """Raise RunConflictError if a path is a file, or a folder with other files and no job.
 
     Args:
-        path: Folder of the job.
+        path: Job folder.
         what: Name of what the job makes, for the message ("run").
         file: File that describes the job; a folder with this file is not checked.
         besides: Names of other files that an unstarted job may have left.
@@ -46,7 +46,7 @@ def require_same(
     """Raise RunConflictError if the description of a folder's job differs from the requested one.
 
     Args:
-        path: Folder of the job.
+        path: Job folder.
         there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
         what: Name of what the job makes, for the message ("run").
@@ -65,7 +65,7 @@ def require_same(
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the path of the first difference of two JSON values in sorted order, with both values as text, or None."""
+    """Return the path of the first difference between two sorted JSON values, with both values as text, or None."""
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:

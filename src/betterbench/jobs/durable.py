@@ -91,7 +91,7 @@ class DurableFile:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Write a whole file like :class:`DurableFile`.
+    """Write a complete file like :class:`DurableFile`.
 
     Raises:
         OSError: If the disk is full or the path cannot be written; no partial file is left.
@@ -102,7 +102,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Tell whether a file has the name of an unfinished :class:`DurableFile`."""
+    """Tell whether a file name belongs to an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 

@@ -1,4 +1,4 @@
-"""Frames between a run and the process of a policy or a simulator: a JSON document and arrays, without pickles.
+"""Frames between a run and a policy's process or a simulator: a JSON document and arrays, without pickles.
 
 The process of a simulator also imports this file, in an environment without betterbench, so the file imports only the
 standard library and NumPy.
@@ -17,13 +17,13 @@ from typing import Any, Protocol
 import numpy as np
 
 MAX_HEAD_BYTES = 16 << 20
-"""Maximum size of the JSON of a frame [byte]."""
+"""Maximum size of a frame's JSON [byte]."""
 
 MAX_ARRAY_BYTES = 256 << 20
-"""Maximum total size of the arrays of a frame [byte]."""
+"""Maximum total size of a frame's arrays [byte]."""
 
 _LENGTHS = struct.Struct(">IIQQ")
-"""Frame head: sizes of the document, of the array forms and of the arrays [byte], and number of the frame."""
+"""Frame head: sizes of the document, of the array forms and of the arrays [byte], and the frame number."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _LONGEST_TYPE = 40
 _MAX_AXES = 32
@@ -63,7 +63,7 @@ class Link(Protocol):
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
     """Send a document and arrays by name; FrameError if the other side has ended or does not read in time.
 
-    The ``number`` identifies a request and its answer. Of an array of Python objects, only the shape is sent.
+    The ``number`` identifies a request and its answer. For an array of Python objects, only the shape is sent.
     """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()
@@ -158,7 +158,7 @@ def _forms_text(
 
 @lru_cache(maxsize=64)
 def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
-    """Return name, type, shape and offset of each array, and the end of the last array [byte]."""
+    """Return each array's name, type, shape and offset, and the end of the last array [byte]."""
     found, at = [], 0
     for name, (kind, shape) in _loaded(text).items():
         known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))
@@ -167,7 +167,7 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
-        # NumPy refuses too large sizes even if another size is 0
+        # NumPy rejects sizes that are too large even if another size is 0
         if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))

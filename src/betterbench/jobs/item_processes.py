@@ -1,4 +1,4 @@
-"""Processing of many items in worker processes, with detection of items that kill their process."""
+"""Processing of many items in worker processes; detects items that kill their process."""
 
 from __future__ import annotations
 

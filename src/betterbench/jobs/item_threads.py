@@ -47,14 +47,15 @@ def in_threads(
     """Yield the result of each item. Items are started in order, at most ``workers`` at a time.
 
     After an error, after Ctrl-C, or when the iterator is closed, no further item is started, the resources are stopped,
-    and the error is raised when all threads have ended. The finished items then do not depend on the number of workers.
+    and the error is raised after all threads have ended. The finished items then do not depend on the number of
+    workers.
 
     Args:
         items: The items.
         work: Function that processes an item with the resource of its thread.
         workers: Number of threads.
         open_resource: Function that opens the resource of a thread.
-        in_order: Yield results in the order of the items instead of the order of completion.
+        in_order: Yield results in item order instead of completion order.
 
     Raises:
         InvalidInputError: If the number of workers is out of range.

@@ -42,7 +42,7 @@ def run_items(
         is_done: Function that returns whether a journal or a file already has the result of an item.
         work: Function that yields the results of the given items, in any order: ``in_processes``, ``in_threads``, or a
             generator in this thread.
-        keep: Function that stores a result durably, such as in a journal.
+        keep: Function that stores a result durably, for example in a journal.
         on_progress: Called at the start and after every result.
     """
     items = dict.fromkeys(planned)
@@ -70,7 +70,7 @@ def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | Non
 
 @contextmanager
 def job_folder(path: Path, *, waits: bool = False) -> Iterator[None]:
-    """Hold the lock of a job's folder, after removing unfinished files of killed processes.
+    """Hold the lock on a job's folder, after removing unfinished files left by killed processes.
 
     Args:
         path: The folder, which is created if missing.

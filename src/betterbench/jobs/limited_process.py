@@ -53,7 +53,7 @@ class ProcessLateError(LimitedProcessError):
 
 
 class RefusedError(LimitedProcessError):
-    """The process has answered that it cannot do what was requested; the message is its reason."""
+    """The process has answered that it cannot do what was requested; the message is the reason."""
 
 
 class LimitedProcess:
@@ -69,7 +69,7 @@ class LimitedProcess:
                 :func:`answer_requests`.
             arguments: Its arguments.
             cpu_s: Processor time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
-            environment: Environment variables added to those of this process.
+            environment: Environment variables added to this process's variables.
         """
         module, _, function = main.partition(":")
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
@@ -214,7 +214,7 @@ def _error_of(kind: int, said: bytes) -> BetterError:
 
 
 def _end_in_words(status: int | None, cpu_s: float) -> str:
-    """Return a description of a process's exit status; a negative one is a signal."""
+    """Return a description of a process's exit status; a negative status is a signal."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -282,7 +282,7 @@ def answer_requests(
 
 
 def _limit_time(cpu_s: float) -> None:
-    """Set the processor time limit for the next answer; SIGPROF ends this process when it is used up.
+    """Set the processor time limit for the next answer; SIGPROF ends this process when the time is used up.
 
     RLIMIT_CPU limits the total processor time and cannot be advanced exactly. The kernel compares it with ticks, which
     exceed :func:`time.process_time` by up to 6 % for a rendering process: by a minute after 15 minutes.

@@ -1,6 +1,6 @@
 """Append-only file of JSON lines that survives a killed process and a full disk.
 
-Each line contains a link, the SHA-256 of the previous link and of the line itself, so that a changed, missing or moved
+Each line contains a link, the SHA-256 of the previous link and the line itself, so that a changed, missing or moved
 line is detected. An incomplete last line is ignored with a warning.
 """
 
@@ -34,9 +34,9 @@ class LineJournal:
     """A file of JSON lines, open for appending by one process at a time.
 
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
-    :meth:`_take_in` and removes an unfinished last line of a killed process. Each appended line is on disk when
+    :meth:`_take_in` and removes an unfinished last line left by a killed process. Each appended line is on disk when
     :meth:`_append_line` returns. A file that another program removes, replaces or truncates is written again. With
-    ``alone``, only the file is locked, not its folder. With ``renews``, the whole folder may be removed, because its
+    ``alone``, only the file is locked, not its folder. With ``renews``, the complete folder may be removed, because its
     owner writes the other files again; otherwise, StorageError is raised.
     """
 
@@ -175,7 +175,7 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Refuse to truncate anything but the beginning of a line, or zeros after a crash of the machine."""
+    """Refuse to truncate anything except the beginning of a line, or zeros after the machine crashed."""
     if begun not in (b"{", b"\0"):
         raise RecordError(f"{path}: does not end as a journal does. Restore the file from a copy.")
 

@@ -24,7 +24,7 @@ _PAUSE_S = 0.02  # longer than a check of the lock by another process
 
 
 def is_locked(path: Path) -> bool:
-    """Return whether a living process holds the lock of a run, without disturbing this process.
+    """Return whether a living process holds a run's lock, without disturbing this process.
 
     A lock held on another machine is detected if the file system shares locks.
     """
@@ -78,7 +78,7 @@ class RunLock:
     taken again. Messages name the ``output``, if its parts are collected in the folder.
 
     Raises:
-        RunConflictError: If another process holds the lock, unless it ``waits``.
+        RunConflictError: If another process holds the lock, unless ``waits`` is set.
         InvalidInputError: If the lock file is a link, not an ordinary file, or has a second name (hard link).
         StorageError: If a surrounding folder locked by this process was removed or moved.
     """
@@ -255,7 +255,7 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file to be written is in a locked folder that was removed or moved.
 
-    The locks of this process and those passed on by its parent (:func:`write_within`) are checked. Raises
+    This process's locks and those passed on by its parent (:func:`write_within`) are checked. Raises
     RunConflictError if another process has taken a renewed lock.
     """
     for held in _around():

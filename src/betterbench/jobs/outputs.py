@@ -1,7 +1,7 @@
 """Output files and folders of commands. Files that better did not write are not replaced.
 
 One rule applies to every verb. A file is ours if it has the mark of the verb (:func:`mark_of`) or content that the verb
-recognizes. A folder is ours if its list ``.written.json`` names the same verb, and a file in this folder is ours if the
+recognizes. A folder is ours if its list ``.written.json`` names the same verb, and a file in the folder is ours if the
 list contains its SHA-256: an edited page belongs to the user. Our files are always replaced, other files only with
 ``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other process can write to
 it, and unfinished files of killed processes are deleted.
@@ -33,7 +33,7 @@ LIST_NAME = ".written.json"
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""Length of the part at either end of a file that is searched for a mark [byte]. PNG has texts first, MP4 last."""
+"""Number of bytes at either end of a file that are searched for a mark. PNG has texts first, MP4 last."""
 
 
 def mark_of(verb: str) -> str:
@@ -59,7 +59,7 @@ def require_replaceable(
     Args:
         path: Path of the file to write.
         verb: Verb that writes it.
-        overwrite: Whether files that this verb did not write may be replaced.
+        overwrite: Whether to replace files that this verb did not write.
         is_ours: Function that returns whether this verb wrote an existing regular file; None to check the mark.
     """
     try:
@@ -85,7 +85,7 @@ def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
 
 
 class OutputFile:
-    """A file that a verb writes, locked while it is open; a context manager that returns the path.
+    """A file that a verb writes, locked while open; a context manager that returns the path.
 
     Raises:
         RunConflictError: If the existing file must not be replaced, or another process is writing it.
@@ -129,7 +129,7 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """A folder to which a verb writes its files, locked while it is open; a context manager.
+    """A folder to which a verb writes its files, locked while open; a context manager.
 
     Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed,
     except in subfolders with their own lock.
@@ -139,7 +139,8 @@ class OutputFolder:
         verb: Verb that writes it.
         overwrite: Whether other files may be replaced, and a folder with other files may be used.
         holds: Function that returns whether an unlisted entry of the folder belongs there, such as a run.
-        is_ours: Function that returns whether a folder without a list is ours, such as a folder of an older version.
+        is_ours: Function that returns whether a folder without a list is ours, such as a folder written by an older
+            version.
 
     Raises:
         RunConflictError: If the folder contains other files, a file in it was changed since it was written, or another
@@ -199,7 +200,7 @@ class OutputFolder:
                 self.path.rmdir()
 
     def _checked(self) -> dict[str, tuple[str, ...]]:
-        """Return the listed files; refuse a folder, or files in it, that this verb did not write."""
+        """Return the listed files; reject a folder, or files in it, that this verb did not write."""
         path = self.path
         if (path.exists() or path.is_symlink()) and not path.is_dir():
             raise RunConflictError(f"{path}: this is a file. Choose another folder.")
@@ -243,7 +244,7 @@ class OutputFolder:
         )
 
     def note(self, path: Path, sha256: str) -> None:
-        """List a file that is about to be moved to its path, in addition to its predecessor."""
+        """List a file that is about to be moved into place, and keep the entry of the file that it replaces."""
         name = path.absolute().relative_to(self.path).as_posix()
         if name == LIST_NAME:
             return
@@ -258,15 +259,15 @@ class OutputFolder:
 
 
 def _is_name(name: str) -> bool:
-    """Return whether a listed name can be the name of a file in the folder."""
+    """Return whether a listed name can be a file's name in the folder."""
     return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
 
 
 def is_run(path: Path) -> bool:
-    """Tell whether an entry of a folder is a run, which has its own lock."""
+    """Tell whether a folder entry is a run, which has its own lock."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 
 def is_bookkeeping(path: Path) -> bool:
-    """Tell whether an entry of a folder is a lock, a list of files or an unfinished file of a command."""
+    """Tell whether a folder entry is a lock, a file list or a command's unfinished file."""
     return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

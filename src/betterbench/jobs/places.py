@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """A command's claim on a folder, which determines the files that may be replaced."""
+    """A command's claim on a folder; it determines which files may be replaced."""
 
     @property
     def thread(self) -> int:
@@ -64,7 +64,7 @@ def claim_of(path: Path) -> FolderClaim | None:
 
 
 def require_inside(path: Path, folder: Path) -> None:
-    """Raise InvalidInputError with the name of the link if a path below a folder leads out of it."""
+    """Raise InvalidInputError with the name of the link if a path below a folder leads out of the folder."""
     top = os.path.realpath(folder)
     if Path(os.path.realpath(path)).is_relative_to(top):  # never fails, also on loops
         return

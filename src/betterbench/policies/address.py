@@ -1,6 +1,6 @@
 """Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
 
-Each kind of policies declares the form of its addresses and their options; one parser reads all forms.
+Each policy kind declares the format of its addresses and their options; one parser reads all formats.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""Transport protocol of a server. Addresses of websockets and of HTTP may have a path, those of ZeroMQ do not."""
+"""Transport protocol of a server. Websocket and HTTP addresses may have a path; ZeroMQ addresses do not."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
@@ -94,12 +94,12 @@ CONSTANT = Option("send.", "the constant that each request contains as KEY")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressForm:
-    """Form of the addresses of a kind of policies.
+    """Address format of a policy kind.
 
     Attributes:
-        scheme: Name of the kind, the prefix of its addresses.
+        scheme: Kind name, the prefix of its addresses.
         example: Example of an address in messages ("gr00t://localhost:5555", "learned:CHECKPOINT").
-        target: Whether a target follows the scheme and a colon: a name, a file or a server.
+        target: Whether the scheme and colon are followed by a target: a name, a file or a server.
         options: Allowed options.
         transport: Transport protocol of the server; None for a policy without a server.
         port: Default port of the server.
@@ -171,10 +171,10 @@ class AddressForm:
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """A parsed address: the target of a policy ("localhost:8000") and its options.
+    """A parsed address: a policy's target ("localhost:8000") and its options.
 
     :meth:`AddressForm.read` has checked the options. ``world`` is the world whose conventions the policy uses
-    ("libero", empty for our own scenes); a preset then matches the clients of that world.
+    ("libero", empty for our own scenes); a preset then matches that world's clients.
     """
 
     text: str
@@ -185,7 +185,7 @@ class PolicyAddress:
 
     @property
     def scheme(self) -> str:
-        """Name of the kind of policies."""
+        """Name of the policy kind."""
         return self.form.scheme
 
     @property
@@ -198,7 +198,7 @@ class PolicyAddress:
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     def given(self, options: Sequence[Option]) -> list[str]:
-        """Return those of the given options that the address sets."""
+        """Return the given options that the address sets."""
         return [option.name for option in options if option.name in self.options]
 
     @property
@@ -208,7 +208,7 @@ class PolicyAddress:
 
     @property
     def server_name(self) -> str:
-        """Name of the server in messages."""
+        """Server name in messages."""
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
@@ -250,7 +250,9 @@ class PolicyAddress:
         return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
-        """Return the execution of action chunks; raise InvalidInputError if the options contradict each other.
+        """Return the settings for executing action chunks.
+
+        Raise InvalidInputError if the options contradict each other.
 
         ``usual_horizon`` is the adapter's, used if the address sets neither a horizon nor an ensemble.
         """
@@ -269,7 +271,7 @@ class PolicyAddress:
         )
 
     def check(self, name: str) -> None:
-        """Raise InvalidInputError if the value of an option is not allowed."""
+        """Raise InvalidInputError if an option's value is not allowed."""
         option = self._option(name)
         if option.reads == "whole":
             self.whole(name)

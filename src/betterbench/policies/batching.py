@@ -1,4 +1,4 @@
-"""Batching of policy calls: simultaneous requests of several threads are answered in one call."""
+"""Batching of policy calls: simultaneous requests from several threads are answered in one call."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AnswerT = TypeVar("AnswerT")
 MAX_BATCH = 16
 """Default maximum of requests in one call."""
 
-_PAUSE_S = 0.01  # interval at which a waiting call checks whether more requests are expected
+_PAUSE_S = 0.01  # interval at which a waiting call checks whether to expect more requests
 
 
 @dataclass
@@ -30,12 +30,12 @@ class _PendingQuestion(Generic[QuestionT, AnswerT]):
 
 
 class BatchCollector(Generic[QuestionT, AnswerT]):
-    """Collector of the requests of many threads, answered in batches by one thread.
+    """Collector for requests from many threads, answered in batches by one thread.
 
     Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
-    answers at once. If further requests are expected, a call waits for them, but no longer than the duration of the
-    shortest call so far: otherwise several callers of one server would send it small batches in turn. If a batch fails,
-    its requests are sent one by one, so that each caller gets only the error of its own request.
+    answers at once. If further requests are expected, a call waits for them, but no longer than the shortest call so
+    far has taken: otherwise several callers of one server would take turns sending small batches. If a batch fails, its
+    requests are sent one by one, so that each caller gets only the error of its own request.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         """Return the answer to a request, or raise the exception of the answering function.
 
         The timeout [s] includes the wait behind other requests and starts no earlier than ``ready_at``
-        (``time.perf_counter``). Raises TimeoutError if no answer came in time; the call itself continues.
+        (``time.perf_counter``). Raises TimeoutError if no answer arrives in time; the call itself continues.
         Raises RuntimeError if the collector is closed.
         """
         if self._closed:

@@ -75,8 +75,8 @@ class Situation:
 
     Attributes:
         task: The task, with its training conditions.
-        condition: The condition of the trial.
-        seed: Seed of the trial.
+        condition: The trial's condition.
+        seed: Trial seed.
     """
 
     task: Task
@@ -102,17 +102,17 @@ def carried(goal: Subgoal) -> bool:
 
 
 def bring_to(goal: Subgoal, name: str) -> Bring:
-    """Return the decision to bring an object to the target of a subgoal."""
+    """Return the decision to bring an object to a subgoal's target."""
     return Bring(name, goal.target, goal.relation, goal.region)
 
 
 def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
-    """Tell whether an object is at the target of a subgoal."""
+    """Tell whether an object is at a subgoal's target."""
     return relation(relation_name).holds(state, name, target, region)
 
 
 def reached(state: WorldState, condition: Condition, index: int) -> bool:
-    """Return whether the required number of objects of a subgoal are at its target."""
+    """Return whether a subgoal's required number of objects are at its target."""
     goal = condition.instruction.subgoals[index]
     names = condition.resolve(goal.reference)
     return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count
@@ -158,7 +158,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Rule of the expert: it follows the instruction in order and stops when it is done."""
+    """Expert rule: it follows the instruction in order and stops when it is done."""
 
     def __init__(self, situation: Situation) -> None:
         """Prepare for an episode."""

@@ -1,4 +1,4 @@
-"""Description of a policy: declarations as JSON of bounded size, for comparison between runs."""
+"""Policy description: declarations as JSON of bounded size, for comparison between runs."""
 
 from __future__ import annotations
 

@@ -38,9 +38,9 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s], from the address of a server or else from the run.
+    """Return the deadline of one answer [s], from a server's address or else from the run.
 
-    The address may also be the name of a policy object passed by the caller of the run.
+    The address may also be the name of a policy object passed by the run's caller.
     """
     kind = find_kind(address)
     if kind is None or not kind.needs_of(address).server:
@@ -49,7 +49,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Factory of the policies of one worker. As a context manager, it closes an instance that was not taken."""
+    """Factory for one worker's policies. As a context manager, it closes an instance that was not taken."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class PolicyFactory:
 
         With ``apart``, a user's policy is loaded in a separate process, within ten times the ``timeout_s`` of an answer
         [s]. ``known`` is the server's declaration at the start of the run, or None if clients compare declarations
-        themselves. ``kind`` is the kind of policies; the kind of the address if not given.
+        themselves. ``kind`` is the policy kind; default: the kind of the address.
 
         Raises UnknownNameError if no policy has this address.
         """
@@ -91,7 +91,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Declarations of the policy, built for this purpose on first use.
+        """Policy declarations, built for this purpose on first use.
 
         Raises the errors of :func:`check_policy`.
         """
@@ -107,7 +107,7 @@ class PolicyFactory:
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments. This builds the policy."""
+        """Whether one instance answers observations from many environments. This builds the policy."""
         return bool(self.info) and self._takes_batches
 
     def check(
@@ -139,7 +139,7 @@ class PolicyFactory:
         return self._make() if made is None else made
 
     def _make(self) -> Policy:
-        """Return a new instance; HandshakeError if the server's policy differs from that of the first instance."""
+        """Return a new instance; HandshakeError if the server's policy differs from the first instance's policy."""
         made: Policy
         if self._apart:
             made = start_policy(self.address, world=self._world, load_s=self._load_s)

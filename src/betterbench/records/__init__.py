@@ -1,8 +1,8 @@
-"""Records of episodes and folders of runs: the privileged state on disk, readable without a simulator.
+"""Episode records and run folders: the privileged state on disk, readable without a simulator.
 
 - ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` creates it step
   by step.
-- ``run``, ``journal``, ``scene_archive``: the folder of a run, its finished trials, and its compiled scenes.
+- ``run``, ``journal``, ``scene_archive``: a run's folder, its finished trials, and its compiled scenes.
 - ``demonstration``, ``segmenting``, ``twins``: additional data of demonstrations.
 - ``modalities``: files with images, depth, masks and boxes of recorded states.
 """

@@ -118,8 +118,8 @@ class RecordBuilder:
             self._attend((qpos, qvel, act, ctrl))
         if action.shape != self._no_action.shape or applied.shape != self._no_action.shape:
             self._refuse_actions(action, applied)
-        # Converting to bytes takes half the time of building an array of the whole row. Policies may return any numeric
-        # type.
+        # Converting to bytes takes half as long as building an array of the complete row. Policies may return any
+        # numeric type.
         asked = action if action.dtype is _FLOAT64 else action.astype(_FLOAT64)
         done = applied if applied.dtype is _FLOAT64 else applied.astype(_FLOAT64)
         memory = self._memory or [a.astype(_FLOAT64).tobytes() for a in self._simulator]
@@ -129,7 +129,7 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append the relations of the first row that lacks them, in the order of the metadata.
+        """Append the relations of the first row that lacks them, in metadata order.
 
         Raises:
             InvalidInputError: If a truth value is missing, or every row already has its relations.
@@ -149,7 +149,7 @@ class RecordBuilder:
         clipped_actions: int = 0,
         invalid_actions: int = 0,
     ) -> Record:
-        """Return the record of the episode; the arguments are those of :class:`Outcome`.
+        """Return the episode record; the arguments are the same as for :class:`Outcome`.
 
         Raises:
             InvalidInputError: If there are no rows, a row lacks its relations, a state does not list the scene's
@@ -219,7 +219,7 @@ class RecordBuilder:
         return columns
 
     def _held(self) -> npt.NDArray[np.int16]:
-        """Return the index of the held object in every row, or -1."""
+        """Return the held object's index in every row, or -1."""
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:
@@ -265,7 +265,7 @@ class RecordBuilder:
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return one value per row as an array (T, *shape). Raises ValueError for a wrong shape.
 
-    Nested values are flattened first, which takes a third of the time that NumPy needs to find their shape. A value
+    Nested values are flattened first; this takes a third of the time that NumPy needs to find their shape. A value
     that is identical to the previous row, as for objects at rest, is flattened only once.
     """
     new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
@@ -281,7 +281,7 @@ def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.flo
 
 
 def _collect_contacts(states: Sequence[WorldState]) -> tuple[tuple[str, ...], Contacts]:
-    """Return the names of all touching bodies, in order of appearance, and the contacts of all states."""
+    """Return the names of all touching bodies, in order of appearance, and the contacts in all states."""
     found = list(chain.from_iterable(state.contacts for state in states))
     first, second, forces = zip(*found, strict=True) if found else ((), (), ())
     index = {name: i for i, name in enumerate(dict.fromkeys(chain.from_iterable(zip(first, second, strict=True))))}

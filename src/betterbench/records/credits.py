@@ -1,4 +1,4 @@
-"""Sources and licenses of the assets that the trials of runs have shown."""
+"""Sources and licenses of the assets shown in runs' trials."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
 
 
 class CreditedObject(Protocol):
-    """Object of a scene with the origin of its asset; empty texts for the procedural library."""
+    """Object of a scene with its asset's origin; empty texts for the procedural library."""
 
     @property
     def asset(self) -> str:
@@ -21,11 +21,11 @@ class CreditedObject(Protocol):
 
     @property
     def source(self) -> str:
-        """Origin of the asset."""
+        """Asset origin."""
 
     @property
     def license(self) -> str:
-        """Name of its license."""
+        """Its license's name."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -57,13 +57,13 @@ def credits_of(objects: Iterable[CreditedObject]) -> tuple[AssetCredit, ...]:
 
 
 def credit_lines(objects: Sequence[CreditedObject]) -> tuple[str, ...]:
-    """Return one line for each asset of a source of its own, and one for all objects of the procedural library."""
+    """Return one line for each asset with its own source, and one for all objects of the procedural library."""
     lines = [credit.text for credit in credits_of(objects)]
     return (*lines, LIBRARY_CREDIT) if any(not each.source for each in objects) else tuple(lines)
 
 
 def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
-    """Return the credit lines of the finished trials of runs in scenes of our own.
+    """Return the credit lines for a run's finished trials in scenes of our own.
 
     Raises:
         RecordError: If a record cannot be read.

@@ -1,4 +1,4 @@
-"""Metadata of a demonstration: demonstrator, and rows of each skill and subgoal."""
+"""Demonstration metadata: demonstrator, and rows of each skill and subgoal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Demonstrator:
 
     Attributes:
         kind: Kind of demonstrator.
-        name: Name of the expert, the method or the person.
+        name: Expert name, the method or the person.
         manner: Parameters of the motion style, by name with unit ("speed", "approach_height_m").
         sources: Demonstrations from which this one was composed, "TASK/CONDITION/SEED", in order of use.
         action_noise: Standard deviation of the noise on the executed actions, in action units. With noise, the column
@@ -55,11 +55,11 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """The rows in which the gripper is near one object to pick, place or slide it.
+    """The rows in which the gripper is near an object in order to pick, place or slide it.
 
     Attributes:
         kind: Effect on the object.
-        object: Name of the object; for a miss, the object that was picked next, or "".
+        object: Object name; for a miss, the object that was picked next, or "".
         target: Target of the placement, or "" if no subgoal has this target.
         relation: Relation to the target, or "" without a target.
         region: Region of the target, or "" if it has only one.
@@ -87,12 +87,12 @@ class SkillWindow:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SubgoalSegment:
-    """The rows [start, stop) that serve one subgoal; the segments of a record are contiguous.
+    """The rows [start, stop) that serve one subgoal; a record's segments are contiguous.
 
     Attributes:
-        subgoal: Name of the subgoal that is done at the end of these rows, "" for rows after the last subgoal.
+        subgoal: Name of the subgoal that is done at the end of these rows; "" for rows after the last subgoal.
         object: Name of the object that was placed or slid.
-        target: Name of the target.
+        target: Target name.
         relation: Relation of the subgoal.
         region: Region of the target, or "" if it has only one.
         skills: Skill windows within these rows, in order of time; rows between two windows are transit.

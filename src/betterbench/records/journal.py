@@ -1,8 +1,8 @@
-"""Journal of a run: one line per finished trial, and the only source for resuming the run.
+"""Run journal: one line per finished trial, and the only source for resuming the run.
 
-Each line contains the SHA-256 of its record, the digest of its scene, and a link (the SHA-256 of the previous link and
-of the line itself). The links detect changed, missing or reordered lines. Journals of older versions lack the digest of
-the scene, or all three.
+Each line contains its record's SHA-256, its scene's digest, and a link (the SHA-256 of the previous link and the line
+itself). The links detect changed, missing or reordered lines. Journals of older versions lack the scene digest, or all
+three.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class JournalEntry:
     """One finished trial.
 
     Attributes:
-        condition: Name of the condition within the task ("train1", "L3").
+        condition: Condition name within the task ("train1", "L3").
         status: "done" if its record is on disk, "error" if the trial must be repeated.
         message: Description of the failure, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records contain none.
@@ -52,7 +52,7 @@ class JournalEntry:
 
     @property
     def key(self) -> TrialId:
-        """The name of the trial within the run."""
+        """The trial name within the run."""
         return TrialId(self.task, self.condition, self.seed)
 
 
@@ -80,7 +80,7 @@ _LINE_CURE = "Restore the file from a copy, or evaluate into a new folder"
 
 
 class Journal(LineJournal):
-    """The journal of a run (``journal.jsonl``), open for appending by one process at a time.
+    """A run's journal (``journal.jsonl``), open for appending by one process at a time.
 
     Raises:
         RunConflictError: If another process appends to it.

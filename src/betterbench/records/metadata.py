@@ -1,4 +1,4 @@
-"""Metadata of a record: its trial, the versions used, and the outcome of the episode."""
+"""Record metadata: its trial, the versions used, and the episode's outcome."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ TERMINATIONS: tuple[str, ...] = get_args(Termination)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of an episode.
+    """Episode outcome.
 
     Attributes:
         success: Whether the trial is a success, given its expected behavior.
         error: Description of the error, for "policy_error" and "interrupted".
-        clipped_actions: Number of actions that were clipped to the bounds of the action space.
+        clipped_actions: Number of actions that were clipped to the action space's bounds.
         invalid_actions: Number of answers that could not be executed.
     """
 
@@ -64,27 +64,28 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """Metadata of an episode, fixed before it starts.
+    """Episode metadata, fixed before it starts.
 
     Attributes:
-        suite_version: Version of the suite, which also seeds its random streams.
-        condition: Name of the condition within the task ("train1", "L3").
-        variation: Name of the variation ("L3"), or None for a training condition.
-        axis: Axis of the variation, or None for a training condition.
-        base_condition: Training condition from which a variation is derived; its trial with the same seed is the twin.
+        suite_version: Suite version, which also seeds its random streams.
+        condition: Condition name within the task ("train1", "L3").
+        variation: Variation name ("L3"), or None for a training condition.
+        axis: Variation axis, or None for a training condition.
+        base_condition: Training condition from which a variation is derived; the twin is the trial of that condition
+            with the same seed.
         interventions: The interventions as text, in order.
         expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
-        action_components: Name of each number of an action.
+        action_components: Name of each number in an action.
         camera_preset: Name of the observation preset, or None if no image was rendered.
         render_quality: Name of the render preset, or None if no image was rendered.
         engine: Versions that affect the numbers: simulator with version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
         looks: Set of looks from which the run draws.
-        room: Name of the room of the trial.
+        room: Name of the trial's room.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
-        predicate_names: Meaning of each column of ``predicates``.
-        subgoal_names: Meaning of each column of ``subgoals``, in the instructed order.
-        demonstrator: Source of the demonstration; None for the trial of an evaluated policy.
+        predicate_names: Meaning of each column in ``predicates``.
+        subgoal_names: Meaning of each column in ``subgoals``, in the instructed order.
+        demonstrator: Source of the demonstration; None for an evaluated policy's trial.
         segments: The rows that serve each subgoal, derived from the states; only for demonstrations.
     """
 

@@ -23,18 +23,18 @@ from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata
 from betterbench.records.record import Record
 
 METADATA_KEY = b"betterbench"
-"""Key of the JSON document in the metadata of the Parquet schema."""
+"""Key for the JSON document in the Parquet schema metadata."""
 
 SEAL_KEY = b"betterbench.sha256"
-"""Key of the SHA-256 of the whole file, computed with the digest itself as zeros."""
+"""Key for the SHA-256 of the complete file, computed with the digest itself set to zeros."""
 
 COMPRESSION_LEVEL = 1
 """Level of zstd. Its default, 3, saves less than 1 % of an episode and takes a fifth longer; level 9 takes more than
-twice as long. Byte stream split of the arm's floats made 17 of 18 episodes larger, by 4 % in the median."""
+twice as long. Byte stream split for the arm's floats made 17 of 18 episodes larger, by 4 % in the median."""
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
-# in the compact Thrift form of the footer, the type of a text (18) and its length 64 (40) follow a key
+# in the footer's compact Thrift form, the type of a text (18) and its length 64 (40) follow a key
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
@@ -53,7 +53,7 @@ AGAIN = "Repeat the command of the run to record the trial again"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """JSON document in the Parquet schema of a record: metadata, outcome, and widths of the columns."""
+    """JSON document in a record's Parquet schema: metadata, outcome, and column widths."""
 
     metadata: RecordMetadata
     outcome: Outcome
@@ -194,7 +194,7 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read the trial and the outcome of a record; raise the errors of :func:`read_outcome`."""
+    """Read the trial and a record's outcome; raise the errors of :func:`read_outcome`."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 

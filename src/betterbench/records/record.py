@@ -33,7 +33,7 @@ class Record:
         qvel: (T, nv) generalized velocities of the simulator.
         act: (T, na) actuator activations: the joint references that the servos integrate.
         ctrl: (T, nu) actuator commands.
-        action: (T, dim) action of the policy; NaN in row 0.
+        action: (T, dim) policy action; NaN in row 0.
         applied: (T, dim) action after clipping; NaN in row 0.
         ee_position: (T, 3) tool center point [m].
         ee_quaternion: (T, 4) rotation of the tool (w, x, y, z).
@@ -48,8 +48,8 @@ class Record:
         object_linear_speeds: (T, n) object speeds [m/s].
         object_angular_speeds: (T, n) object angular speeds [rad/s].
         held: (T,) index of the held object, or -1.
-        predicates: (T, p) truth of each predicate of ``metadata.predicate_names``.
-        subgoals: (T, g) truth of each subgoal of ``metadata.subgoal_names``.
+        predicates: (T, p) whether each predicate in ``metadata.predicate_names`` holds.
+        subgoals: (T, g) whether each subgoal in ``metadata.subgoal_names`` holds.
         forbidden: (T,) whether a forbidden event is happening.
         contacts: Touching pairs of all rows.
     """

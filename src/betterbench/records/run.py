@@ -103,7 +103,7 @@ class RunFolder:
 
     @property
     def planned(self) -> tuple[TrialId, ...]:
-        """The trials of the plan in order; empty if the plan does not list them."""
+        """The plan's trials in order; empty if the plan does not list them."""
         return tuple(self._planned or ())
 
     @classmethod
@@ -172,12 +172,12 @@ class RunFolder:
 
     @property
     def report_path(self) -> Path:
-        """The folder of the report; raises the errors of :meth:`inside`."""
+        """The report folder; raises the errors of :meth:`inside`."""
         return self.inside("report")
 
     @property
     def world(self) -> WorldFacts:
-        """Facts about the world in which the trials were run; RecordError if the plan names an unknown one."""
+        """Facts about the world in which the trials were run; RecordError if the plan names an unknown world."""
         return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property
@@ -227,7 +227,7 @@ class RunFolder:
         repeats the trials whose records are missing.
 
         Raises:
-            RecordError: If the journal lists trials that are not planned. Other errors are those of
+            RecordError: If the journal lists trials that are not planned. Other errors are the same as for
                 :class:`~betterbench.records.journal.Journal`.
         """
         journal = Journal(self.journal_path, renews=renews)
@@ -250,15 +250,15 @@ class RunFolder:
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
-        """Return the last line of the journal about a trial, or None; raise the errors of :meth:`entries`."""
+        """Return the journal's last line about a trial, or None; raises the same errors as :meth:`entries`."""
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
-        """Return the SHA-256 of the record of a finished trial; None for journals of older versions."""
+        """Return the SHA-256 of a finished trial's record; None for journals of older versions."""
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Warn once about records that the journal does not list, except in the process that writes them."""
+        """Warn once about records that the journal does not list, except in the process that is writing them."""
         told = (self.path, len(entries))
         if told in _TOLD or self.is_running:
             return
@@ -331,7 +331,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read only the trial and the outcome of a record, which is fast; raise the errors of :meth:`read_record`.
+        """Read only the trial and a record's outcome, which is fast; raise the errors of :meth:`read_record`.
 
         If ``entry`` is given, the journal is not read.
         """
@@ -341,7 +341,7 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return the outcome of the trial of a journal line; raise the errors of :meth:`read_record`."""
+        """Return the trial outcome that a journal line describes; raises the same errors as :meth:`read_record`."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
@@ -372,7 +372,7 @@ class RunFolder:
                 )
 
     def records(self) -> Iterator[Record]:
-        """Yield the records of finished trials in the order of the journal.
+        """Yield the records of finished trials in journal order.
 
         Raises RecordError for an invalid record.
         """
@@ -381,7 +381,7 @@ class RunFolder:
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move an unusable file to ``RUN/set-aside`` and return the new path; None if there is no such file.
+        """Move an unusable file to ``RUN/set-aside`` and return the new path; None if the file does not exist.
 
         The file is not deleted, because it may be the user's only copy.
         """
@@ -434,7 +434,10 @@ class RunFolder:
         return digest
 
     def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing to disk; raise the errors of ``read_scene``."""
+        """Return the files of a stored scene by name, without writing to disk.
+
+        Raises the same errors as ``read_scene``.
+        """
         return read_scene(self.scene_path(scene_hash), digest=digest)
 
     def scene_digest(self, trial: TrialId) -> str | None:
@@ -455,7 +458,7 @@ class RunFolder:
         return entry.scene
 
     def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
-        """Return the files of the scene of a recorded trial, verified against the journal.
+        """Return the scene files of a recorded trial, verified against the journal.
 
         Raises the errors of :func:`~betterbench.records.scene_archive.read_scene`.
         """
@@ -477,7 +480,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock of the folder. Raises RunConflictError if another process is writing to it."""
+        """Hold the folder lock. Raises RunConflictError if another process is writing to it."""
         with RunLock(self.path / LOCK_NAME):
             yield
 
@@ -494,7 +497,7 @@ _TOLD: set[tuple[Path, int]] = set()
 
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
-    """Return the entries of a journal by trial, cached by file size and time of the last change."""
+    """Return a journal's entries by trial, cached by file size and time of the last change."""
     del size, changed_ns
     entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)
@@ -510,15 +513,15 @@ def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:
 
 
 def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None:
-    """Return the trials of a plan by their id; None for a plan without a list of trials."""
+    """Return a plan's trials by their id; None for a plan without a list of trials."""
     listed = plan.get("trials")
     if not isinstance(listed, list):
         return None
     found: dict[TrialId, Mapping[str, Any]] = {}
     for trial in listed:
         form = trial if isinstance(trial, dict) else {}
-        # Variations are listed by their own condition. Plans of the first versions listed the training condition of a
-        # variation.
+        # Variations are listed by their own condition. Plans written by the first versions listed a variation's
+        # training condition.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
             return None  # reported by the reader of the plan

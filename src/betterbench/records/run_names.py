@@ -24,7 +24,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
     """Return a unique name for each run.
 
     Without ``given`` names, a run gets the declared name of its policy. Runs with the same name get the address of
-    their policy instead. If that is also shared, the folder of the run is added in parentheses.
+    their policy instead. If that is also shared, the run folder is added in parentheses.
 
     Raises:
         InvalidInputError: If the number of given names differs from the number of runs, or a name is empty, too long or
@@ -40,7 +40,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Return unique names. Equal names get the folder of the run, and then a number if necessary."""
+    """Return unique names. Equal names get the run folder, and then a number if necessary."""
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"

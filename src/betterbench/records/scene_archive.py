@@ -1,9 +1,9 @@
 """Archive of a compiled scene: a reproducible zip file, which may come from an untrusted source.
 
-The comment of the zip file contains the digest of the scene's name and of all its files (:func:`scene_digest`). The
+The zip file's comment contains a digest of the scene name and all scene files (:func:`scene_digest`). The
 digest is verified before any file is used, to keep MuJoCo from loading a changed model or the archive of another scene.
-The journal of a run also contains the digest of each trial's scene, which detects an archive that was replaced together
-with its digest.
+A run's journal also contains the digest of each trial's scene; it detects an archive that was replaced together with
+its digest.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MAX_SCENE_FILES = 10_000
 """Largest number of files of a stored scene."""
 
 _LEVEL = 3
-"""Compression level: half of the time of zlib's usual 6 (60 to 100 ms) for archives that are 5 % larger."""
+"""Compression level: takes half the time of zlib's usual 6 (60 to 100 ms) and makes archives 5 % larger."""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
@@ -47,13 +47,13 @@ class StorableScene(Protocol):
 
 
 def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
-    """Return the SHA-256 of a scene's name and of the names and contents of its files (hex, 64 characters)."""
+    """Return the SHA-256 over a scene's name and the names and contents of its files (hex, 64 characters)."""
     lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
     return content_digest(name, "".join(lines).encode())
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
-    """Store the files of a scene under its hash, ``HASH.zip``; the same files give the same bytes.
+    """Store a scene's files under its hash, ``HASH.zip``; the same files give the same bytes.
 
     Raises:
         InvalidInputError: If a name could lead out of the archive's folder or the scene is too large.
@@ -92,12 +92,12 @@ def has_digest(path: Path, digest: str) -> bool:
 def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing them to disk.
 
-    If the ``digest`` of the journal is given, the files must match it. Archives of an earlier version contain no
-    digest, which causes one warning per run unless the digest of the journal is given.
+    If the ``digest`` of the journal is given, the files must match it. Archives written by an earlier version contain
+    no digest, which causes one warning per run unless the journal's digest is given.
 
     Raises:
-        RecordError: If the scene is missing, damaged, changed, too large, of another hash or another trial, or a name
-            could lead out of a folder.
+        RecordError: If the scene is missing, damaged, changed, too large, has another hash or belongs to another trial,
+            or a name could lead out of a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)

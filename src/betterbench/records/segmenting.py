@@ -1,9 +1,9 @@
-"""Segments of a record: rows of each subgoal, derived only from the states.
+"""Record segments: rows of each subgoal, derived only from the states.
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
 skill is a pick and place; if a drawer moved, a slide; otherwise, a miss. A skill's window begins when the tool comes
-within :data:`NEAR_M` of the position of the gripper change, and ends when the tool has left it. A segment ends with the
-skill that achieves its subgoal.
+within :data:`NEAR_M` of the position of the gripper change, and ends when the tool has moved farther away. A segment
+ends with the skill that achieves its subgoal.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from betterbench.tasks.relations import relation
 NEAR_M = 0.20
 """Distance from the position of the gripper change at which a window begins [m]; longer than any straight approach."""
 LIFTED_M = 0.06
-"""Distance from that position at which the window of a pick ends [m]: the object is lifted and clear of its support."""
+"""Distance from that position at which a pick window ends [m]: the object is lifted and clear of its support."""
 LEFT_M = 0.10
-"""Distance from that position at which the windows of a placement and of a slide end [m]."""
+"""Distance from that position at which placement and slide windows end [m]."""
 HELD_ROWS = 3
 """Minimum number of rows for which a picked object is held."""
 SLID_M = 0.005
@@ -41,11 +41,11 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return the segments of an episode, which cover all its rows; empty if the gripper never closed.
+    """Return an episode's segments, which cover all its rows; empty if the gripper never closed.
 
     Args:
-        record: The record of the episode.
-        condition: Condition of the episode.
+        record: The episode record.
+        condition: Episode condition.
     """
     found = list(_closures(record))
     if not found:
@@ -76,7 +76,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield the effect of each closing of the gripper until the next opening."""
+    """Yield the effect of each gripper closing until the next opening."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -143,7 +143,7 @@ def _windows(
 
 
 def _begin(record: Record, change: int, earliest: int) -> int:
-    """Return the first row, at least ``earliest``, from which the tool stays near the position of a change."""
+    """Return the first row, not before ``earliest``, from which the tool stays near the position of a change."""
     away = np.flatnonzero(_distances(record, earliest, change, change) >= NEAR_M)
     return min(earliest, change) if not len(away) else earliest + int(away[-1]) + 1
 

@@ -1,6 +1,6 @@
 """Reports: a self-contained page with films, and tables as CSV and LaTeX.
 
-- ``pages``: the report of runs, and the pages of calibrations, certificates, power and preflight checks.
+- ``pages``: the report on runs, and the pages for calibrations, certificates, power and preflight checks.
 - ``headline``, ``claims``, ``outcomes``, ``task_views``: the sentences and numbers of a page.
 - ``figures``, ``tables``: charts, films and tables on pages.
 - ``html``, ``templates``: Jinja templates and style sheets.

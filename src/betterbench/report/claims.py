@@ -18,11 +18,12 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Share of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in
-training or without training twins (exact binomial test at the usual level)."""
+"""Fraction of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in
+training or without training twins (exact binomial test at the usual level).
+"""
 
 FEW = 3
-"""Minimum number of trials for a habit of a policy, of one task (if failures are rare) or of one axis."""
+"""Minimum number of trials for a policy's habit, for a task's habit (if failures are rare) or for an axis."""
 
 MOST_PAIRS = 100
 """Largest recommended number of pairs per variation."""
@@ -83,7 +84,7 @@ def _is_below_half(k: int, n: int, more: int) -> bool:
 
 
 def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
-    """Return the command that runs a given number of trials of a run's training conditions, with new seeds."""
+    """Return the command that runs a given number of trials in a run's training conditions, with new seeds."""
     task = next((t.task for t in diagnosis.trials if t.variation is None), "")
     conditions = {t.condition for t in diagnosis.trials if t.task == task}
     if not task or not facts_of_task(task).measured:
@@ -119,7 +120,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return the claim that no failure was found, given that all trials of variations were solved.
+    """Return the claim that no failure was found, given that all variation trials were solved.
 
     Six solved trials rule out a policy that fails half of the variation trials; five do not.
     """
@@ -136,7 +137,7 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Return the claim that the main kind of failure is more than chance.
+    """Return the claim that the main failure kind is more than chance.
 
     It is supported if variations are solved less often than their twins, by the test of the illusion gap or a verdict
     of a run until decided. It is also supported if significantly more than :data:`USUAL_SHARE` of the variation trials
@@ -145,7 +146,7 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
     Args:
         diagnosis: The run.
         gap: Its illusion gap over all variations.
-        count: Variation trials that ended with this kind of failure.
+        count: Variation trials that ended with this failure kind.
         n: Variation trials that have ended.
     """
     decided = diagnosis.until_decided
@@ -202,7 +203,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
 def _evaluation(
     diagnosis: RunDiagnosis, tasks: Sequence[str], *, variations: Sequence[str] = (), seed: int, trials: int, out: str
 ) -> str:
-    """Return the command that evaluates the policy of a run; empty if its address is not a valid shell word."""
+    """Return the command that evaluates a run's policy; empty if its address is not a valid shell word."""
     if "\0" in diagnosis.address:
         return ""
     named = ["--variations", *variations] if variations else []
@@ -229,9 +230,9 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 
 
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
-    """Return the pairs per variation with which the test of the gap detects its drop with 80 % power, or None.
+    """Return the pairs per variation with which the gap test detects the gap's drop with 80 % power, or None.
 
-    The observed drop is assumed to be the true drop. None if there is no drop, or if its detection needs more than
+    The observed drop is assumed to be the true drop. None if there is no drop, or if detecting the drop needs more than
     :data:`MOST_PAIRS` pairs.
     """
     pairs = [

@@ -32,7 +32,7 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Largest share of failed variation trials that are mere exceptions: one of the suite's usual 20 trials."""
+"""Largest share of failed variation trials that are considered exceptions: one of the suite's usual 20 trials."""
 
 WEAK_SHARE = 0.5
 """Success rate on training conditions below which the success of a policy is not evidence about its reasoning, because
@@ -40,7 +40,7 @@ it has not learned the task. Its first attempts can still be judged."""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
-"""Labels that do not show on which conditions a policy fails."""
+"""Labels that do not show in which conditions a policy fails."""
 
 LONGEST_REASON = 300
 """Maximum length of the reason for a breakdown on the first screen [characters]."""
@@ -53,8 +53,8 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """The leading failure mode of some trials, with its counts among the failures and among all trials.
 
-    ``look_alikes`` is the number of look-alikes that its rule took from a trained slot, if it is at least the number of
-    its own trials.
+    ``look_alikes`` is the number of look-alikes that a policy's rule took from a trained slot, if it is at least the
+    number of the rule's own trials.
     """
 
     label: Label
@@ -70,7 +70,7 @@ class Failure:
 
     @property
     def share(self) -> str:
-        """Share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials").
+        """Share of the failures with counts ("80 % of all failures (40/50), 40/240 variation trials").
 
         If all failures are of this kind, ``lead`` says so.
         """
@@ -101,7 +101,7 @@ class Headline:
         family: Color family of the main failure; "right" without a failure.
         effect: The instruction effect, over pairs of trials that differ only in the instruction.
         effect_sentence: Meaning of the instruction effect, one sentence.
-        needless: Successes in which the policy repeated a step of training that was not requested.
+        needless: Successes in which the policy repeated a training step that the instruction did not request.
         segments: Outcomes of the variation trials.
         breakdown: Outcome of most trials if the policy itself failed to run.
         claim: Test behind the conclusion, and the trials needed to decide the conclusion if the test is not passed.
@@ -126,7 +126,7 @@ class Headline:
 
     @property
     def twins_differ(self) -> bool:
-        """Whether the success rate of the twins of the illusion gap differs from that of all training trials."""
+        """Whether the success rate of the illusion gap's twins differs from the success rate of all training trials."""
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
@@ -137,8 +137,8 @@ class Headline:
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """Return the verdict on a run.
 
-    The main failure is the most frequent label within the most frequent kind of failure over all variation trials; if
-    two kinds are equally frequent, reasoning takes precedence.
+    The main failure is the most frequent label within the most frequent failure kind over all variation trials; if two
+    kinds are equally frequent, reasoning takes precedence.
     """
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
@@ -197,7 +197,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return the number of look-alikes that a label's rule explains, or 0 if its own trials are more."""
+    """Return the number of look-alikes that a label's rule explains, or 0 if the rule has more trials of its own."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
     if label not in SLOT_RULES or len(taken) < count:
         return 0
@@ -205,11 +205,11 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 
 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
-    """Return the most frequent label within the most frequent kind of failure, or None without failures.
+    """Return the most frequent label within the most frequent failure kind, or None without failures.
 
     A policy that follows a rule to a slot takes any object there, including look-alikes. If such a rule is proven and
-    most of the taken look-alikes were in a trained slot of the target, the rule explains them and is named. An
-    exception is a policy for which the appearance of the objects explains all of these attempts and more.
+    most of the look-alikes taken were in a trained slot of the target, the rule explains them and is named. An
+    exception is a policy for which the objects' appearance explains all of these attempts and more.
     """
     kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
@@ -241,7 +241,7 @@ def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
 
 
 def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
-    """Return the labels that the variation of a trial can reveal; empty for an unknown variation."""
+    """Return the labels that a trial's variation can reveal; empty for an unknown variation."""
     try:
         return exposed_labels(trial.task, trial.variation or "")
     except UnknownNameError:
@@ -366,7 +366,7 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
 
 
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return a conclusion with its share of the failures of its kind, if that share is less than half."""
+    """Return a conclusion with its share among failures of its kind, if that share is less than half."""
     kind = [trial for trial in failed if trial.kind is main.kind]
     same = sum(trial.label is main for trial in kind)
     same += _look_alikes(failed, main, same)
@@ -386,7 +386,7 @@ NOTHING_YET = "Nothing to conclude yet"
 def _unused_instruction(diagnosis: RunDiagnosis) -> tuple[str, str, Grounds] | None:
     """Return sentence, family and test for a policy that provably does not use the instruction.
 
-    Such a policy is right in some trials by chance, so its failures alone may prove nothing.
+    Such a policy is right in some trials at random, so its failures alone may prove nothing.
     """
     effect = diagnosis.metric("instruction_effect", "overall")
     if effect is None or not is_unused(effect):
@@ -406,7 +406,7 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
 
 
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
-    """Return sentence, family and test of a failure that is rare overall but frequent on some conditions of a task.
+    """Return the sentence, family and test for a failure that is rare overall but frequent in some task conditions.
 
     Training conditions are included, for a policy that fails one task from the beginning. A failure that is scattered
     over other tasks too is not a habit.

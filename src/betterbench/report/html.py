@@ -27,7 +27,7 @@ def environment() -> Environment:
 
 
 def asset(name: str) -> str:
-    """Return a text file from the folder of the templates."""
+    """Return a text file from the templates folder."""
     return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""Names of labels and axes on the page, and the meaning of each label in one sentence."""
+"""Label and axis names on the page, and each label's meaning in one sentence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 from betterbench.tasks.worlds.libero_plus import TITLES
 
 LEGEND: Mapping[Label, FailureMode] = MODES
-"""Entry of every label, in stacking order; its text comes from the file of its failure mode."""
+"""Entry for every label, in stacking order; its text comes from the failure mode's file."""
 
 FAMILIES: dict[str, str] = {
     "right": "Right",
@@ -28,7 +28,7 @@ UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 
 
 def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
-    """Return the color families of the outcomes of trials, with their names."""
+    """Return the color families for trial outcomes, with their names."""
     return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
 
 
@@ -39,7 +39,7 @@ AXIS_NAMES: dict[str, str] = {
     Axis.TEMPORAL_EXTRAPOLATION.value: "Temporal extrapolation",
     **TITLES,
 }
-"""Axes and their names, in the order of the paper; those of LIBERO-Plus come last."""
+"""Axes and their names, in the paper's order; LIBERO-Plus axes come last."""
 
 AXIS_PLACES: dict[str, str] = {
     Axis.SPATIAL_LAYOUT_SHIFT.value: "where objects are at other places than in training",

@@ -31,15 +31,15 @@ class ConditionRow:
 
     Attributes:
         id: "fast_food/T1", or "fast_food/training".
-        variation: Name of the variation, or None for the training conditions.
+        variation: Variation name, or None for the training conditions.
         hypothesis: Hypothesis that the variation tests, or an empty string if the task is unknown.
         expected: Correct behavior, in words.
         instruction: The instruction, or the first of several.
-        twin_instruction: The instruction of the training condition from which a variation is derived.
+        twin_instruction: Instruction of the training condition from which a variation is derived.
         support: Whether the poses are inside the training distribution, or an empty string.
-        twin: Success rate of the counterfactual twins of the pairs in the run.
+        twin: Success rate of the counterfactual twins in the run's pairs.
         segments: Non-empty outcomes in stacking order.
-        verdict: For a run until decided, the verdict in words; else an empty string.
+        verdict: For a run until decided, the verdict in words; otherwise an empty string.
     """
 
     id: str
@@ -64,11 +64,11 @@ class ConditionRow:
 
 
 _CHANGES = {**CHANGES, **PLUS_AXES}
-"""Descriptions of what the suites of LIBERO-PRO and LIBERO-Plus change, by the name of the change."""
+"""Descriptions of what the LIBERO-PRO and LIBERO-Plus suites change, by change name."""
 
 
 def task_of(name: str) -> Task | None:
-    """Return a task of the suite, or None if this version has no task of that name."""
+    """Return a task of the suite, or None if this version has no task with that name."""
     try:
         return get_task(name)
     except UnknownNameError:
@@ -81,13 +81,13 @@ def is_abroad(diagnosis: RunDiagnosis) -> bool:
 
 
 def task_title(name: str) -> str:
-    """Return the title of a task, or its id."""
+    """Return a task's title, or its id."""
     task = task_of(name)
     return name if task is None else task.title
 
 
 def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per variation of a run, in the order of the suite."""
+    """Return one row per variation in a run, in suite order."""
     groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is not None:
@@ -155,7 +155,7 @@ def _variation_row(
 
 
 def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
-    """Return the instruction of the training condition of a variation trial, from the task or else from a twin."""
+    """Return the instruction of a variation trial's training condition, from the task or else from a twin."""
     known = task_of(trial.task)
     told = next((c.instruction.text for c in known.training if c.name == trial.condition), "") if known else ""
     return told or (twins[0].instruction if twins else trial.instruction)
@@ -169,7 +169,7 @@ def _variation(task: str, name: str) -> Variation | None:
 
 
 def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
-    """Return the success rate from the metrics of the run, or counted from the trials if it is missing there."""
+    """Return the success rate from the run metrics, or counted from the trials if it is missing there."""
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)

@@ -1,4 +1,4 @@
-"""View of each task: results of every policy, findings and films."""
+"""Per-task view: results of every policy, findings and films."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """Results of one policy on the variations of a task, and on the training trials from which they are derived."""
+    """Results of one policy on a task's variations, and on the training trials from which they are derived."""
 
     policy: str
     training: Figure
@@ -59,7 +59,7 @@ class TaskView:
 
 
 def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
-    """Return the tasks with their conditions and the results of every policy."""
+    """Return the tasks with their conditions and every policy's results."""
     by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
     for diagnosis in diagnoses:
         for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):
@@ -80,7 +80,7 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
-    """Return the title of a task; in other worlds, its instruction."""
+    """Return a task's title; in other worlds, its instruction."""
     return task_title(task) if facts_of_task(task).measured else groups[0].first.twin_instruction
 
 

@@ -50,7 +50,7 @@ class Figure:
 
     @classmethod
     def of_rate(cls, rate: Rate) -> Figure:
-        """Return the figure of a rate; without trials it has neither a value nor an interval."""
+        """Return the figure for a rate; without trials, it has neither a value nor an interval."""
         if rate.value is None:
             return cls(k=rate.k, n=rate.n)
         return cls(rate.value, rate.low, rate.high, rate.k, rate.n)

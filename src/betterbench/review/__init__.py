@@ -1,4 +1,4 @@
-"""Review of imported objects by a person in the browser, and the agreement of two reviewers.
+"""Human review of imported objects in the browser, and the agreement between two reviewers.
 
 - ``queue``: the objects to review, with the state of each.
 - ``desk``: the review without the browser page: current object, edit in progress, and decisions.

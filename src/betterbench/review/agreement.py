@@ -21,9 +21,9 @@ class ReviewAgreement:
 
     Attributes:
         all: Table over accept, fix and reject.
-        usable: Table over use (accept or fix) and reject.
-        only_first, only_second: Numbers of objects that only one reviewer judged, which are not in the tables.
-        apart: Names and verdicts of the objects on which the reviewers disagree, in the order of the first review.
+        usable: Table over use (accept or fix) and reject. only_first, only_second: Numbers of objects that only one
+            reviewer judged; they are not in the tables.
+        apart: Names and verdicts of the objects on which the reviewers disagree, in first-review order.
     """
 
     all: AgreementTable
@@ -44,7 +44,7 @@ class ReviewAgreement:
 
 
 def agreement(first: Path, second: Path) -> ReviewAgreement:
-    """Return the agreement of two files of ``better review``.
+    """Return the agreement between two files written by ``better review``.
 
     Raises:
         RecordError: If a file is missing or was changed by hand.

@@ -58,7 +58,7 @@ class ReviewDesk:
     Attributes:
         queue: Objects to review.
         journal: File of the decisions.
-        author: Name of the reviewer.
+        author: Reviewer name.
         index: Index of the current object.
         mode: Target of the gizmo: pose, support plane, grasp or placement frame.
         selected: Index of the selected grasp or placement frame.
@@ -191,7 +191,7 @@ class ReviewDesk:
             self.edit = MassChange(state.imported.draft.mass_kg, mass_kg)
 
     def call(self, name: str) -> None:
-        """Set the name of the object."""
+        """Set the object name."""
         state = self._begin(NameChange)
         if state is not None:
             self.edit = NameChange(state.name, name.strip())

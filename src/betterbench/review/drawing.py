@@ -54,7 +54,7 @@ def _tick(number: int) -> float:
 
 
 def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
-    """Return the labels of width, depth and height of a box, with their positions [m]."""
+    """Return the labels for a box's width, depth and height, with their positions [m]."""
     x, y, z = size
     off = 0.018
     return [
@@ -65,7 +65,7 @@ def ruler_labels(size: Vector) -> list[tuple[str, Vector]]:
 
 
 def turned_about_middle(asset: Asset, pose: Pose) -> Pose:
-    """Return the displayed pose of an asset that is rotated about the middle of its box and set down."""
+    """Return the displayed pose of an asset that is rotated about its box center and set down."""
     middle = (0.0, 0.0, 0.5 * asset.size_m[2])
     x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply([-v for v in middle])
     placed = Pose((x, y, z + middle[2]), pose.quaternion)

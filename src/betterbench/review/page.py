@@ -113,7 +113,7 @@ class ReviewPage:
         self._shown: tuple[object, ...] = ()
         self._nodes: list[Any] = []
         self._marks: list[Any] = []
-        self._version = 0  # part of the node names, because a page remembers the pose of a removed node under its name
+        self._version = 0  # part of the node names, because a page remembers a removed node's pose under its name
         self._visual: Any = None
         self._asset: Asset | None = None
         self._gripper: dict[str, Any] = {}
@@ -244,7 +244,7 @@ class ReviewPage:
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def show(self, *, is_dragging: bool = False) -> None:
-        """Show the state of the review; while the gizmo is dragged, the page controls the pose of the gizmo."""
+        """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
         desk = self._desk
         key = (desk.index, len(desk.at_hand.states), desk.history.last)
         with self._viser.atomic():
@@ -257,7 +257,7 @@ class ReviewPage:
         self._list.content = queue_list(desk.queue, verdicts, desk.index)
 
     def _show_object(self) -> None:
-        """Show the meshes of the object with its kept changes, and its size and mass in the panel."""
+        """Show the object's meshes with its kept changes, and its size and mass in the panel."""
         for node in self._nodes:
             node.remove()
         self._nodes, self._visual = [], None
@@ -403,7 +403,7 @@ class ReviewPage:
             self._gripper[name].position, self._gripper[name].wxyz = pose.position, pose.quaternion
 
     def _play(self, tryout: Tryout, stopped: threading.Event) -> None:
-        """Show the motion of a trial in real time; late frames are skipped."""
+        """Show a trial's motion in real time; late frames are skipped."""
         if self._visual is None:
             return
         self._turn.visible = self._frame.visible = False
@@ -494,7 +494,7 @@ _WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:
-    """Return the pose of a body of the gripper for a smaller opening [m]; the fingers open along the y axis."""
+    """Return the pose of a gripper body for a smaller opening [m]; the fingers open along the y axis."""
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
 

@@ -23,7 +23,7 @@ class QueuedObject:
 
     Attributes:
         path: Mesh file of the object.
-        content: Hash of the content of the file.
+        content: Hash of the file's content.
         states: The object as imported, then after each active change; empty before the import.
         problem: Reason why the import failed, "" if it did not.
         wishes: Options of the import.
@@ -86,7 +86,7 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
 
     Args:
         given: Files and folders; if none are given, the registered files are the queue.
-        registered: Files that task files import; the options in the task file apply to such a file in the queue.
+        registered: Files that task files import; the options in the task file apply to these files in the queue.
 
     Raises:
         InvalidInputError: As for :func:`mesh_files`, or if a registered file does not exist.

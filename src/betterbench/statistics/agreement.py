@@ -1,4 +1,4 @@
-"""Agreement of two raters over the same items beyond chance."""
+"""Agreement between two raters over the same items beyond chance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class AgreementTable:
 
     Attributes:
         categories: Names of the categories, in the order of rows and columns.
-        counts: Rows are the categories of the first rater, columns those of the second.
+        counts: Rows are the first rater's categories, columns the second rater's.
     """
 
     categories: tuple[str, ...]
@@ -53,7 +53,7 @@ class AgreementTable:
 
     @property
     def observed(self) -> float | None:
-        """Share of items on which both agree, None without items."""
+        """Fraction of items on which both agree, None without items."""
         return sum(self.counts[k][k] for k in range(len(self.counts))) / self.n if self.n else None
 
     @property
@@ -76,7 +76,7 @@ class AgreementTable:
         return (observed - expected) / (1.0 - expected)
 
     def interval(self, confidence: float = DEFAULT_CONFIDENCE) -> Interval | None:
-        """Return the interval of kappa from the large-sample variance of Fleiss, Cohen and Everitt (1969).
+        """Return the interval of kappa from the large-sample variance (Fleiss, Cohen and Everitt, 1969).
 
         It is cut to [-1, 1]. None where kappa is None. With few items it is only a rough guide.
         """

@@ -91,7 +91,7 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
 
 
 def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
-    """Return the mean wealth over all stakes; ``gain`` is the gain of a value per unit of stake."""
+    """Return the mean wealth over all stakes; ``gain`` is a value's gain per unit of stake."""
     logs = np.zeros(_STAKES)
     for value, count in sorted(counts.items()):
         logs += count * np.log1p(_stakes() * gain(value))

@@ -1,4 +1,4 @@
-"""The paired bootstrap of a difference of rates, by stratum and by cluster."""
+"""The paired bootstrap for a difference between rates, by stratum and by cluster."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def paired_bootstrap(
 ) -> Difference:
     """Return the mean difference of pairs with its percentile bootstrap interval.
 
-    Whole clusters are drawn with replacement, within each stratum separately. Use the task as the stratum to keep the
-    set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
+    Complete clusters are drawn with replacement, within each stratum separately. Use the task as the stratum to keep
+    the set of tasks fixed. Use the twin as the cluster if several variations share one twin, because such pairs are not
     independent. The result does not depend on the order of the pairs.
 
     The interval has zero width if all pairs differ by the same amount. For few or unanimous pairs of successes use
     :func:`~betterbench.statistics.difference.newcombe_paired_difference`.
 
     Args:
-        first: Score of the first of each pair, shape (n,): 0 or 1 for success, or a fraction such as progress.
+        first: Score of the first member of each pair, shape (n,): 0 or 1 for success, or a fraction such as progress.
         second: Score of the second of each pair, shape (n,).
         generator: Source of randomness.
         strata: Name of each pair's stratum, shape (n,); one stratum if not given.
@@ -85,10 +85,10 @@ def wider_paired_difference(
     clusters: Sequence[str],
     confidence: float = DEFAULT_CONFIDENCE,
 ) -> Difference:
-    """Return the difference of pairs (first succeeded, second succeeded) with the wider of two intervals.
+    """Return the difference over pairs (first succeeded, second succeeded) with the wider of two intervals.
 
     The bootstrap accounts for variations that share the twin of their seed, but its interval has zero width if all
-    pairs agree. Newcombe's interval does not. Strata and clusters are those of :func:`paired_bootstrap`.
+    pairs agree. Newcombe's interval does not. Strata and clusters are the same as in :func:`paired_bootstrap`.
     """
     drawn = paired_bootstrap(
         [float(first) for first, _ in outcomes],
@@ -104,7 +104,7 @@ def wider_paired_difference(
 
 
 def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArray[np.float64]:
-    """Return the differences of valid pairs of scores, shape (n,)."""
+    """Return the differences between valid pairs of scores, shape (n,)."""
     if len(first) != len(second):
         problem = f"{len(first)} first and {len(second)} second scores cannot be paired"
         raise InvalidInputError("first, second", problem, "Give one of each per pair, in the same order")

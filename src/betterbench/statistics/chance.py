@@ -18,7 +18,7 @@ def chance_p(rate: Rate, *, chance: float) -> float:
 
     Args:
         rate: The measured rate.
-        chance: Rate of guessing, strictly between 0 and 1 (0.5 for a choice of two).
+        chance: Rate of guessing, strictly between 0 and 1 (0.5 for a choice between two).
 
     Returns:
         The p-value, 1.0 without trials.

@@ -1,4 +1,4 @@
-"""Differences of rates with intervals: of two rates, and of a novel condition and the mean of seen conditions."""
+"""Rate differences with intervals: between two rates, and between a novel condition and the mean of seen ones."""
 
 from __future__ import annotations
 
@@ -70,9 +70,9 @@ def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAUL
 def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
     """Return ``SR(novel composition) - mean SR(seen compositions)``; read it with :attr:`Difference.value_pp`.
 
-    The seen conditions have equal weight regardless of their numbers of trials. The interval adds the distances to the
-    ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in Medicine
-    27, 2008, 1693-1702); with one seen condition it is Newcombe's interval.
+    The seen conditions have equal weight regardless of how many trials they have. The interval adds the distances to
+    the ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in
+    Medicine 27, 2008, 1693-1702); with one seen condition it is Newcombe's interval.
 
     Returns:
         The difference; if a condition has no trials, the value is None and the interval is [-1, 1].
@@ -128,7 +128,7 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
 
 
 def _correlated_length(x: float, y: float, phi: float) -> float:
-    """Return the length of the difference of two deviations with correlation ``phi`` (law of cosines)."""
+    """Return the length of the difference between two deviations with correlation ``phi`` (law of cosines)."""
     return math.sqrt(max(0.0, x * x - 2.0 * phi * x * y + y * y))
 
 

@@ -1,4 +1,4 @@
-"""Sign-flip test of paired differences: under the null hypothesis, the two sides of each pair can be exchanged."""
+"""Sign-flip test for paired differences: under the null hypothesis, the two sides of each pair can be exchanged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SLACK = 1e-9
 
 
 def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator) -> float:
-    """Return the two-sided p-value of Fisher's randomization test of paired differences.
+    """Return the two-sided p-value of Fisher's randomization test for paired differences.
 
     If neither side is better, each difference is equally likely with the opposite sign. The p-value is the share of all
     sign combinations whose mean is at least as far from zero as the observed mean. It is exact for up to

@@ -9,14 +9,14 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics import special
 
 IntervalMethod = Literal["wilson", "clopper_pearson"]
-"""Method of the interval of a rate."""
+"""Method used for a rate's interval."""
 
 DEFAULT_CONFIDENCE = 0.95
 """Default two-sided confidence level of all intervals."""
 
 
 class Interval(NamedTuple):
-    """A closed interval of rates or of differences of rates."""
+    """A closed interval of rates or of differences between rates."""
 
     low: float
     high: float

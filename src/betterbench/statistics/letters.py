@@ -19,8 +19,8 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
         different: Whether items ``i`` and ``j`` differ significantly, shape (n, n), symmetric, False on the diagonal.
 
     Returns:
-        One text per item, its letters in alphabetical order. Letters are named in the order of the first item that has
-        them, so the first item always has "a". After "Z" comes "a1".
+        One text per item, its letters in alphabetical order. Letters are assigned in the order of the first item that
+        has them, so the first item always has "a". After "Z" comes "a1".
     """
     n = len(different)
     _check(different)

@@ -14,7 +14,7 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
 
     Rejecting all hypotheses with an adjusted p-value below ``alpha`` keeps the probability of any false rejection in
     the family below ``alpha``, for any dependence among the tests. The ``i``-th smallest of ``m`` values is multiplied
-    by ``m - i + 1``; adjusted values keep the order of the original ones and are at most 1.
+    by ``m - i + 1``; adjusted values keep the order of the original values and are at most 1.
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):
@@ -37,7 +37,7 @@ def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses:
 
     Args:
         evidence: One e-value per hypothesis that may be rejected.
-        level: Bound of the expected share of false rejections.
+        level: Bound on the expected fraction of false rejections.
         hypotheses: Number ``m`` of hypotheses, including those that may no longer be rejected; default: the number of
             e-values.
     """

@@ -11,7 +11,7 @@ from betterbench.statistics import special
 
 @dataclass(frozen=True, slots=True)
 class PairedTable:
-    """Counts of the four possible outcomes of a pair."""
+    """Counts of a pair's four possible outcomes."""
 
     both: int
     only_first: int
@@ -40,7 +40,7 @@ class PairedTable:
 
 
 def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> float:
-    """Return the two-sided p-value of an exact test of pairs that share their first trial.
+    """Return the two-sided p-value of an exact test for pairs that share their first trial.
 
     If a variation changes nothing, the first trial and the second trials of a group are exchangeable. The statistic is
     the sum of first minus second outcomes over all pairs, and its exact distribution over all exchanges is computed.
@@ -48,13 +48,13 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
 
     Args:
         outcomes: (first succeeded, second succeeded) of each pair.
-        shared: Name of the first trial of each pair.
+        shared: Name of each pair's first trial.
 
     Returns:
         Twice the smaller tail, at most 1.
 
     Raises:
-        InvalidInputError: If the number of names is not that of the pairs, or a first trial has two outcomes.
+        InvalidInputError: If the number of names differs from the number of pairs, or a first trial has two outcomes.
     """
     if len(outcomes) != len(shared):
         raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Give one name per pair")
@@ -87,7 +87,7 @@ def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> 
 
 
 def mcnemar_p(table: PairedTable) -> float:
-    """Return the two-sided p-value of the exact test of McNemar (1947).
+    """Return the two-sided p-value of McNemar's exact test (1947).
 
     If the two rates are equal, each discordant pair is equally likely to favor either side. The p-value is twice the
     smaller tail of a binomial with probability 1/2, at most 1. Concordant pairs carry no information.

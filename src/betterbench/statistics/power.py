@@ -1,4 +1,4 @@
-"""Power of a number of trials, and the smallest difference that it detects.
+"""Power of a given number of trials, and the smallest difference that they detect.
 
 Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
 which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.
@@ -88,7 +88,7 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
 def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAULT_ALPHA) -> float:
     """Return the power of Barnard's test for two independent arms of equal size.
 
-    Up to :data:`EXACT_ARM_LIMIT` trials per arm all outcomes are summed; above this limit, the normal approximation of
+    Up to :data:`EXACT_ARM_LIMIT` trials per arm, all outcomes are summed; above this limit, the normal approximation to
     the pooled score test is used.
     """
     _check_plan(n, alpha)
@@ -157,7 +157,7 @@ def _smallest(power_at: Callable[[float], float], room: float, power: float) -> 
 
 
 def _normal_power(n: int, first: float, second: float, alpha: float) -> float:
-    """Return the power of the pooled score test for two arms of ``n`` trials in the normal approximation."""
+    """Return the power of the pooled score test for two arms with ``n`` trials in the normal approximation."""
     gap = abs(first - second)
     mean = (first + second) / 2.0
     null = float(np.sqrt(2.0 * mean * (1.0 - mean) / n))

@@ -37,7 +37,7 @@ def ranking_area(
 ) -> RankingArea:
     """Return the area under the receiver operating characteristic (AUROC); ties count half.
 
-    The interval is the score interval of Newcombe (Statistics in Medicine 25, 2006, 559-573, method 5): all areas whose
+    The interval is Newcombe's score interval (Statistics in Medicine 25, 2006, 559-573, method 5): all areas whose
     distance from the estimate is within the normal quantile, with Hanley and McNeil's variance at that area. Its width
     is positive even if the ranking is perfect, and large if there are few positive or negative cases.
     """

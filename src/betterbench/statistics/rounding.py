@@ -9,8 +9,8 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import check_counts
 
 _FLOAT_DIGITS = 12
-"""Number of significant decimal digits of a float that are used. A float has 15, but the last digits contain the noise
-of binary arithmetic, which would move 7.685 up or down.
+"""Number of significant decimal digits that are used from a float. A float has 15, but the last digits contain the
+noise of binary arithmetic, which would move 7.685 up or down.
 """
 
 

@@ -1,7 +1,7 @@
 """Sequential tests of pairs: evidence that may be inspected after every pair, with any stopping time.
 
 An e-process starts at 1. If there is no difference, its expected value is at most 1 at any stopping time. By Ville's
-inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, regardless of the number of
+inequality, it then reaches ``1 / alpha`` with a probability of at most ``alpha``, regardless of the number of
 inspections. A p-value for a fixed number of trials has no such guarantee: inspected after every pair, it eventually
 finds a difference.
 """
@@ -21,7 +21,7 @@ because the evidence then grows fast with few trials.
 """
 
 DISCORDANT_PRIOR = 0.5
-"""Prior number of discordant pairs of each side in :func:`discordant_e_process`: the prior of Jeffreys."""
+"""Prior number of discordant pairs for each side in :func:`discordant_e_process`: Jeffreys' prior."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
     """Return the evidence from dependent pairs: two policies on the same trials.
 
     This is the sequential form of McNemar's test. If the two rates are equal, each discordant pair favors either side
-    with probability 1/2. The evidence predicts the next discordant pair from the earlier ones, with probability ``(s +
+    with probability 1/2. The evidence predicts the next discordant pair from the earlier pairs, with probability ``(s +
     1/2) / (t + 1)``, and is multiplied by twice the probability given to the actual outcome. Concordant pairs leave it
     unchanged. The test makes no assumption on the dependence within a pair. If the outcomes often agree, it is more
     powerful than :func:`two_rate_e_process`.
@@ -87,7 +87,7 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
     """Return the evidence from two independent arms, one trial of each per pair.
 
     The safe test for two proportions in blocks of two (Turner and Grünwald): the likelihood of a pair under the two
-    rates estimated from earlier pairs, divided by the likelihood under their mean. The rates may drift from pair to
+    rates estimated from earlier pairs, divided by its likelihood under their mean. The rates may drift from pair to
     pair, but the outcomes of one pair must be independent. If one side tends to fail trials that the other side solves,
     the false-positive rate exceeds the level. For policies on the same trials use :func:`discordant_e_process`.
 

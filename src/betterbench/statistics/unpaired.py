@@ -70,7 +70,7 @@ def fisher_p(first: Rate, second: Rate) -> float:
 
 
 def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
-    """Return Barnard's p-value of every possible outcome of two arms with the same number of trials.
+    """Return Barnard's p-value for every possible outcome of two arms with the same number of trials.
 
     Returns:
         Array of shape (n + 1, n + 1): the p-value of ``i`` successes in one arm against ``j`` in the other.
@@ -100,7 +100,7 @@ def binomial_probabilities(n: int, rate: float) -> npt.NDArray[np.float64]:
 
 
 def _pooled_score(n1: int, n2: int) -> npt.NDArray[np.float64]:
-    """Return the absolute pooled score statistic of every outcome of two arms, shape (n1 + 1, n2 + 1)."""
+    """Return the absolute pooled score statistic for every outcome of two arms, shape (n1 + 1, n2 + 1)."""
     k1, k2 = np.arange(n1 + 1)[:, None], np.arange(n2 + 1)[None, :]
     gap = np.abs(k1 / n1 - k2 / n2)
     pooled = (k1 + k2) / (n1 + n2)

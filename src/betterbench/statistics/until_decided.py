@@ -4,7 +4,7 @@ A question is whether one condition (a variation) is solved less often than anot
 open questions get the same seeds, round by round. After every round, questions with a verdict get no more trials. The
 trials depend only on the outcomes, so replaying the rounds gives the trials that have been run and the next ones.
 
-The drop of a question is the rate of the twin minus that of the condition. Two null hypotheses are tested on the pairs
+The drop in a question is the twin's rate minus the condition's rate. Two null hypotheses are tested on the pairs
 by :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
 them is true. Each of the two families, over all questions, is corrected by
 :func:`~betterbench.statistics.multiplicity.e_benjamini_hochberg`.
@@ -33,7 +33,8 @@ FIRST_PAIRS = 5
 """Pairs of the first round: the smallest number after which unanimous pairs give a verdict."""
 
 TWIN_SHARE = 0.5
-"""Minimum share of pairs in which the twin must succeed; with fewer, a drop by the margin could hardly show."""
+"""Minimum share of pairs in which the twin must succeed; with a smaller share, a drop by the margin could hardly show.
+"""
 
 
 class Verdict(StrEnum):
@@ -78,7 +79,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether a condition is solved less often than its twin; both are given by name."""
+    """Question of whether a condition is solved less often than its twin; both are given by name."""
 
     condition: str
     twin: str
@@ -86,7 +87,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """State of a question: its verdict, counts and evidence.
+    """Question state: its verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds during which the question was open.
@@ -116,7 +117,7 @@ class Decisions:
 
     Attributes:
         answers: One per question, in their order.
-        waiting: (condition, seed) of each trial of the current round without an outcome, including twins; empty at the
+        waiting: (condition, seed) for each trial in the current round without an outcome, including twins; empty at the
             end.
     """
 
@@ -141,8 +142,8 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
     """Replay the rounds of the questions up to the last known outcome.
 
     Args:
-        questions: The questions, each about a different condition. Several questions may share the trials of a twin.
-        seeds: Seeds in the order in which they are run; their number is the maximum number of pairs of a question.
+        questions: The questions, each about a different condition. Several questions may share a twin's trials.
+        seeds: Seeds in the order in which they are run; their number is the maximum number of pairs per question.
         outcome: Known outcomes of the trials.
         rule: Rule by which a question is decided.
     """
@@ -171,7 +172,7 @@ def _answer(question: Question, seeds: Sequence[int], outcome: Outcomes, rule: S
 
 @lru_cache(maxsize=4096)
 def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, float]:
-    """Return the evidence of a drop and of no drop.
+    """Return the evidence for a drop and for no drop.
 
     Args:
         lost: Pairs in which only the twin succeeded.

@@ -1,11 +1,11 @@
 """Tasks as values and pure functions: setup, instruction and success condition.
 
 - ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that make up conditions.
-- ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
+- ``relations``: one file per relation ("inside", "beside"), with its check and placements.
 - ``authoring``: templates, variations and the registry, for writing tasks.
 - ``suite``: the tasks of better60, one file each; ``regimes``: their listed regimes.
 - ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
-- ``interventions``: look-up of conditions by the name of a condition or a regime.
+- ``interventions``: look-up of conditions by a condition's name or a regime.
 - ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
 """
 

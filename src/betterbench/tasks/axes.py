@@ -1,4 +1,4 @@
-"""The four axes of variation of a task, and the behavior expected of a policy."""
+"""The four axes of variation for a task, and the behavior expected from a policy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Axis(StrEnum):
-    """Axis of causal intervention, one of four (paper, section 4)."""
+    """One of the four axes of causal intervention (paper, section 4)."""
 
     SPATIAL_LAYOUT_SHIFT = "spatial_layout_shift"
     PRIMITIVE_RECOMPOSITION = "primitive_recomposition"
@@ -33,7 +33,7 @@ class Axis(StrEnum):
 
 
 class Expected(StrEnum):
-    """Behavior of a policy that understood the instruction."""
+    """Behavior of a policy that understands the instruction."""
 
     SUCCEED = "succeed"
     REFUSE = "refuse"
@@ -41,7 +41,7 @@ class Expected(StrEnum):
 
 
 class Support(StrEnum):
-    """Support of a variation: ``seen`` if all its pick and place poses lie inside the training regime."""
+    """Support of a variation: ``seen`` if all its pick and place poses are inside the training regime."""
 
     SEEN = "seen"
     NOVEL = "novel"

@@ -15,7 +15,7 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 
 @dataclass(frozen=True, slots=True)
 class TargetRegion:
-    """Region of a target: a container, a hole of a rack, a layer of a stack, the mount of a drawer.
+    """Target region: a container, a rack hole, a stack layer, a drawer mount.
 
     The ``target`` is a name in the scene; the ``region`` is "" if the target has only one.
     """
@@ -50,9 +50,9 @@ class ObjectSpec:
 
     Attributes:
         name: Name in the scene. Names carry no meaning: renaming all objects leaves every verdict unchanged.
-        kind: Noun of the object in instructions ("red mug").
-        category: Category of its asset ("mug").
-        color: Color of its asset, or None to let the generator choose.
+        kind: Object noun in instructions ("red mug").
+        category: Its asset's category ("mug").
+        color: Its asset's color, or None to let the generator choose.
         mount: For a drawer, its mount in the cabinet.
     """
 
@@ -74,7 +74,7 @@ class Condition:
         layout: Slot name by object name, for every object that starts on the table.
         preplaced: Target region by object name, for objects that start at a target.
         opened: Opening at the start [m] by drawer name; other drawers are closed.
-        expected: Behavior of a policy that understood the instruction.
+        expected: Behavior of a policy that understands the instruction.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
     """
@@ -111,7 +111,7 @@ class Condition:
         return None
 
     def resolve(self, reference: Reference) -> tuple[str, ...]:
-        """Return the names of the possible objects of a reference, in a stable order."""
+        """Return the names of a reference's possible objects, in a stable order."""
         if reference.slot is not None:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)

@@ -1,8 +1,8 @@
 """File of release points and final poses measured in the expert's demonstrations, and look-up in this file.
 
 ``better certify --demonstrations`` writes the file. Scenes draw the poses of pre-placed objects from the final poses,
-and clause (b) of the certificate compares releases with the release points. The file of the suite is part of the
-package; the file of user tasks is stored next to the task file.
+and clause (b) of the certificate compares releases with the release points. The suite's file is part of the package;
+the file for user tasks is stored next to the task file.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """Planar pose of an object at its target: position from the center of the target region [mm], heading [degrees].
+    """Planar pose of an object at its target: position relative to the target region's center [mm], heading [degrees].
 
-    Both are in the frame of the target.
+    Both are in the target's frame.
     """
 
     x_mm: float
@@ -48,15 +48,15 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Points of release of the demonstrations at one target region.
+    """Release points in the demonstrations at one target region.
 
     Attributes:
-        slot: Slot of the target, or of the object that carries it.
+        slot: Slot of the target, or of the object that carries the target.
         relation: Relation that the release establishes.
         region: Region of the target, "" if it has only one.
         level: Number of objects below, down to the slot.
         heights_mm: Heights of the released object's foot above the table [mm], sorted.
-        points_mm: Positions of that foot in the frame of the target, from the center of the region, x and y [mm].
+        points_mm: Base positions in the target's frame, relative to the region's center, x and y [mm].
     """
 
     slot: str
@@ -72,11 +72,11 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the distance of a height from the nearest trained height [mm]; negative below the trained height."""
+        """Return the distance from a height to the nearest trained height [mm]; negative below the trained height."""
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
-        """Return the distance of a point, in the frame of ``points_mm``, from the nearest trained point [mm]."""
+        """Return the distance from a point, in the frame of ``points_mm``, to the nearest trained point [mm]."""
         return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
 
 
@@ -87,12 +87,12 @@ class FinalPoses:
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset, because objects of other shapes rest in other poses.
+        asset: Identity of its asset, because objects with other shapes rest in other poses.
         target_kind: Kind of the target.
-        target_asset: Identity of its asset.
+        target_asset: Identity of the object's asset.
         relation: Relation between the two.
         region: Region of the target, "" if it has only one.
-        poses: Poses of the object at rest.
+        poses: Object poses at rest.
     """
 
     kind: str
@@ -110,9 +110,9 @@ class Demonstrated:
     """Release points and final poses of one task's demonstrations, with the versions of the measurement.
 
     Attributes:
-        suite: Version of the suite.
+        suite: Suite version.
         engine: Version of the physics engine.
-        version: Version of the task.
+        version: Task version.
         solved: Number of measured demonstrations.
     """
 
@@ -132,8 +132,8 @@ class Demonstrated:
     ) -> tuple[FlatPose, ...]:
         """Return the demonstrated final poses of the most similar object at a target.
 
-        The poses come from the same assets of object and target; if there are none, from the same object asset, then
-        from the same kind of object, then from any object at that target.
+        The poses come from the same object and target assets; if there are none, from the same object asset, then from
+        the same object kind, then from any object at that target.
         """
         place = (target_kind, relation, region)
         there = [p for p in self.final_poses if (p.target_kind, p.relation, p.region) == place]
@@ -263,7 +263,7 @@ def _packaged() -> DemonstrationsFile:
 
 
 def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
-    """Return the text of a file with new measurements of some tasks and the old measurements of all others."""
+    """Return the file text with new measurements for some tasks and the old measurements for all others."""
     before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
     _packaged.cache_clear()
     return DemonstrationsFile({**before, **found}).to_text()

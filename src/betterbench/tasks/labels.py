@@ -25,7 +25,7 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """The outcome of a trial: a text with a kind; each name has exactly one object.
+    """A trial's outcome: a text with a kind; each name has exactly one object.
 
     The order of the labels decides between evidence from the same moment. :func:`new_label` makes further labels.
 

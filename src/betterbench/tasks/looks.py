@@ -1,4 +1,4 @@
-"""Looks of the objects and rooms in a run: the usual looks of training and test, or held-out looks."""
+"""Looks of the objects and rooms in a run: the usual looks used in training and test, or held-out looks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LOOKS: tuple[Looks, ...] = get_args(Looks)
 
 
 def looks_named(name: str) -> Looks:
-    """Return the looks of a name; raise UnknownNameError for an unknown name."""
+    """Return the looks with a given name; raise UnknownNameError for an unknown name."""
     for known in LOOKS:
         if name == known:
             return known

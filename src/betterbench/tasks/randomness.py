@@ -18,7 +18,7 @@ def stream(task: str, seed: int, purpose: str) -> np.random.Generator:
     """Return a fresh generator for one purpose ("slot:near", "look:mug"): PCG64 seeded with a SHA-256.
 
     The stream depends only on the suite version, the task, the seed and the purpose: not on the condition, the policy,
-    the order of trials or the number of workers.
+    the trial order or the number of workers.
     """
     digest = hashlib.sha256(f"{SUITE_VERSION}|{task}|{seed}|{purpose}".encode()).digest()
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))

@@ -1,7 +1,7 @@
 """Earlier module names, for user files written before packages were renamed.
 
-Runs and checkpoints identify the file of their tasks or their learner by the SHA-256 of its text, so the file cannot be
-edited when an imported module moves. Its imports are translated when it is loaded.
+Runs and checkpoints identify their task or learner file by the SHA-256 of its text, so the file cannot be edited when
+an imported module moves. Its imports are translated when it is loaded.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def present_name(module: str) -> str:
 
 
 class _Renaming(ast.NodeTransformer):
-    """Translation of import statements to the current names of modules."""
+    """Translation of import statements to current module names."""
 
     def visit_Import(self, node: ast.Import) -> ast.Import:
         for alias in node.names:

@@ -1,4 +1,4 @@
-"""Subgoals: the steps of an instruction, as relations between objects."""
+"""Subgoals: an instruction's steps, as relations between objects."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,8 @@ class Subgoal:
     """Step of an instruction: a relation to establish between an object and a target.
 
     Attributes:
-        name: Name of the step ("pack_burger") in records, reports and questions.
-        relation: Name of the relation ("inside", "on_ring").
+        name: Step name ("pack_burger") in records, reports and questions.
+        relation: Relation name ("inside", "on_ring").
         reference: Reference to the object.
         target: Scene name of the target container or fixture.
         word: The word of the instruction that identifies the object ("red", "top", "burger").

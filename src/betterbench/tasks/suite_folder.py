@@ -1,6 +1,6 @@
 """Suites as folders: tasks in their JSON form, listed with digests in ``suite.json``.
 
-The name of the folder ends with the first digits of a digest of all tasks, so two people with folders of the same name
+The folder name ends with the first digits of a digest over all tasks, so two people whose folders have the same name
 have the same benchmark.
 """
 
@@ -56,7 +56,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """A suite in a folder, whose files have the digests that it lists.
+    """A suite in a folder, whose files have the listed digests.
 
     Attributes:
         name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
@@ -78,7 +78,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
     """Return the name of a suite's folder, and its files by their path in the folder.
 
     Args:
-        name: Name of the suite, without the digest.
+        name: Suite name, without the digest.
         forms: JSON forms of its tasks by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
@@ -96,11 +96,11 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
 
 def read_suite_folder(path: Path | str) -> SuiteFolder:
-    """Return the suite in a folder, after checking the digest of every file.
+    """Return the suite in a folder, after checking every file's digest.
 
     Raises:
         InvalidInputError: If the folder has no suite, if a listed file is missing, differs from its digest or is not
-            listed, or if the name of the folder has another digest.
+            listed, or if the folder name has another digest.
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)
@@ -127,7 +127,7 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
 
 
 def _is_companion(file: Path) -> bool:
-    """Return whether a file holds measurements of a task and not a task."""
+    """Return whether a file contains measurements for a task rather than a task."""
     return file.name.endswith(".demonstrations.json")
 
 

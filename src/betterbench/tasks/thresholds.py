@@ -1,8 +1,8 @@
-"""Thresholds of live judging, and the table of all thresholds that affect a verdict.
+"""Thresholds for live judging, and the table of all thresholds that affect a verdict.
 
-The goal tracker, grasp attempts and harm rules judge a trial while it runs. Their thresholds are defined here,
-including those that the diagnosis also uses. Thresholds of only the diagnosis are in
-:mod:`betterbench.diagnosis.thresholds`. Tolerances of a relation are defined in its file, and a user's failure mode
+The goal tracker, grasp attempts and harm rules judge a trial while it runs. The thresholds for them are defined here,
+including thresholds that the diagnosis also uses. Thresholds of only the diagnosis are in
+:mod:`betterbench.diagnosis.thresholds`. A relation's tolerances are defined in its file, and a user's failure mode
 defines its own thresholds.
 """
 
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Entry of the table: value, unit, purpose and effect of a threshold.
+    """Table entry: value, unit, purpose and effect of a threshold.
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
-        reason: Use of the threshold, and source of its value.
+        reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: Whether runs, stored diagnoses and reports list the threshold.
     """
@@ -38,10 +38,10 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
         name: Name in runs, stored diagnoses and reports.
         value: Value in ``unit``.
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
-        reason: Use of the threshold, and source of its value.
+        reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and
-            listing would mark them as judged by other rules. Set this to True when the value changes.
+            listing it would mark them as judged by other rules. Set this to True when the value changes.
 
     Raises:
         ValueError: If the name is taken.
@@ -58,7 +58,7 @@ def remove_threshold(name: str) -> None:
 
 
 def threshold_table() -> tuple[Threshold, ...]:
-    """Return the whole table."""
+    """Return the complete table."""
     return tuple(_TABLE.values())
 
 
@@ -75,14 +75,14 @@ class Thresholds:
         "0.1 mm.",
         "Larger: slowly sliding objects are at rest; more success, fewer timeout and execution_failure.")
     rest_turn = threshold("rest_turn", 0.05, "rad",
-        "Angle by which an object at rest may rotate within rest_time; 3 degrees.",
+        "Maximum rotation of an object at rest within rest_time; 3 degrees.",
         "Larger: rocking objects are at rest; more success, fewer timeout and execution_failure.")
     upright_tilt = threshold("upright_tilt", 0.0873, "rad",
-        "Tilt up to which an object is upright; 5 degrees. A mug on a flat tray shows less than 0.5 degrees.",
+        "Maximum tilt at which an object is upright; 5 degrees. A mug on a flat tray shows less than 0.5 degrees.",
         "Larger: leaning objects are upright; more success, fewer execution_failure.")
     settle_time = threshold("settle_time", 1.0, "s",
-        "Time for which a policy with nothing left to do must stand still at the end.",
-        "Larger: the policy must stand still for longer; fewer correct_freeze, more execution_failure and timeout.")
+        "Time at the end during which a policy with nothing left to do must not move.",
+        "Larger: the policy must keep still for longer; fewer correct_freeze, more execution_failure and timeout.")
     home_radius = threshold("home_radius", 0.1, "m",
         "Distance from the home position within which opening and closing the gripper is not an attempt.",
         "Larger: more closings are ignored; fewer behavioral_inertia and execution_failure, more early_halt and "
@@ -90,12 +90,12 @@ class Thresholds:
 
     # Grasp attempts.
     grasp_reach = threshold("grasp_reach", 0.035, "m",
-        "Distance from the tool center point to an object's box up to which a closing gripper attempts the object; "
-        "half a finger pad plus the width of a pad.",
+        "Maximum distance from the tool center point to an object's box at which a closing gripper attempts the "
+        "object; half a finger pad plus the pad width.",
         "Larger: more closings are attempts at an object; more wrong_object and execution_failure, fewer timeout.")
     slot_reach = threshold("slot_reach", 0.06, "m",
-        "Horizontal distance from an empty slot up to which a closing gripper attempts the slot; the slot jitter plus "
-        "the radius of the largest item.",
+        "Maximum horizontal distance to an empty slot at which a closing gripper attempts the slot; the slot jitter "
+        "plus the radius of the largest item.",
         "Larger: more closings on nothing are assigned to an object or a slot; more behavioral_inertia and "
         "execution_failure, fewer timeout.")
     same_place = threshold("same_place", 0.03, "m",
@@ -110,8 +110,8 @@ class Thresholds:
     attempt_window = threshold("attempt_window", 1.0, "s",
         "Time after the start of a closing within which the attempted object is determined; the fingers need 0.4 s "
         "for their full travel.",
-        "Larger: late contacts of the fingers still belong to the closing; more attempts at an object, fewer "
-        "execution_failure of a closing on nothing.")
+        "Larger: late finger contacts still belong to the closing; more attempts at an object, fewer "
+        "execution_failure for closing on nothing.")
     closed_width = threshold("closed_width", 0.004, "m",
         "Finger distance below which there is nothing between the pads.",
         "Larger: more closings are on nothing; more execution_failure and behavioral_inertia, fewer wrong_object.")
@@ -120,8 +120,8 @@ class Thresholds:
         "Larger: fewer closings are attempts; fewer wrong_object, more execution_failure of a weak grip, more "
         "timeout.")
     chatter_time = threshold("chatter_time", 0.25, "s",
-        "Duration of an opening below which the closings before and after form one attempt; full finger travel takes "
-        "0.4 s, so the gripper cannot release an object and take another in this time.",
+        "Minimum duration of an opening for the closings before and after it to be separate attempts; full finger "
+        "travel takes 0.4 s, so the gripper cannot release an object and take another in this time.",
         "Larger: more closings are merged into one attempt; fewer causal_confusion and behavioral_inertia, which "
         "depend on a second attempt.")
     stop_time = threshold("stop_time", 0.4, "s",
@@ -139,8 +139,8 @@ class Thresholds:
         "Larger: falls are followed for longer; more execution_failure of dropped objects, fewer behavioral_inertia "
         "of objects put elsewhere.")
     fall_height = threshold("fall_height", 0.02, "m",
-        "Height above its later resting position from which a released object was dropped; four times the height at "
-        "which the expert releases objects.",
+        "Minimum height of the release above the object's later resting position for the object to have been dropped; "
+        "four times the height at which the expert releases objects.",
         "Larger: more objects were put down on purpose; more behavioral_inertia and causal_confusion, fewer "
         "execution_failure of dropped objects.")
     fallen_below = threshold("fallen_below", 0.05, "m",
@@ -154,19 +154,19 @@ class Thresholds:
     # Halts.
     halt_speed = threshold("halt_speed", 0.01, "m/s",
         "End-effector speed below which the arm stands still.",
-        "Larger: slow arms stand still; more early_halt and phase_conflict, fewer timeout.")
+        "Larger: slow arms are considered still; more early_halt and phase_conflict, fewer timeout.")
     halt_time = threshold("halt_time", 3.0, "s",
-        "Duration of standing still from which the policy has halted.",
+        "Minimum time without motion after which the policy has halted.",
         "Larger: a halt must last longer; fewer early_halt and phase_conflict, more timeout.")
     stillness_window = threshold("stillness_window", 0.25, "s",
         "Time over which the speed of the arm is averaged. The average removes servo jitter but not the start of a "
         "motion.",
-        "Larger: a trembling arm stands still; more early_halt and phase_conflict, fewer timeout.")
+        "Larger: a trembling arm is considered still; more early_halt and phase_conflict, fewer timeout.")
 
-    # Collisions, and the rules of a policy.
+    # Collisions, and a policy's rules.
     collision_force = threshold("collision_force", 3.0, "N",
-        "Normal force above which contact with a fixture is a collision; a jar that slides along the wall of its hole "
-        "presses with less force.",
+        "Minimum normal force at which contact with a fixture is a collision; a jar that slides along the wall of its "
+        "hole presses with less force.",
         "Larger: no label changes; the metric counts fewer collisions.")
     collision_gap = threshold("collision_gap", 0.25, "s",
         "Time without contact after which the next contact is a new collision.",
@@ -178,7 +178,7 @@ class Thresholds:
 
     @staticmethod
     def names() -> tuple[str, ...]:
-        """Return the names of all current thresholds, including unlisted ones and those of other files."""
+        """Return the names of all current thresholds, including unlisted thresholds and thresholds in other files."""
         return tuple(_TABLE)
 
     @staticmethod
@@ -194,16 +194,16 @@ THRESHOLDS = Thresholds()
 # fmt: off
 # Grasp attempts: one finger on an object, and empty slots.
 PRESS_FORCE = threshold("press_force", 10.0, "N",
-    "Force of one finger from which a closing gripper attempts the touched object, if the force lasts for press_time; "
-    "a finger that grazes an object or pushes it aside presses with less than the object's weight.",
+    "Minimum force of one finger at which a closing gripper attempts the touched object, if the force lasts for "
+    "press_time; a finger that grazes an object or pushes it aside presses with less than the object's weight.",
     "Larger: fewer touches by one finger are attempts; fewer wrong_object and semantic_feature_collapse, more "
     "execution_failure of a closing on nothing.")
 PRESS_TIME = threshold("press_time", 0.1, "s",
-    "Duration of press_force from which one finger attempts an object; grazing contacts are shorter.",
+    "Minimum duration of press_force for one finger to attempt an object; grazing contacts are shorter.",
     "Larger: fewer touches by one finger are attempts; fewer wrong_object, more execution_failure.")
 LEAN_FORCE = threshold("lean_force", 2.0, "N",
-    "Force of one finger from which a closing gripper attempts the touched object, if the force lasts for stop_time; "
-    "objects of up to 0.3 kg slide away under a smaller force.",
+    "Minimum force of one finger at which a closing gripper attempts the touched object, if the force lasts for "
+    "stop_time; objects of up to 0.3 kg slide away under a smaller force.",
     "Larger: fewer touches by one finger are attempts; fewer wrong_object, more execution_failure.")
 TREMBLE = threshold("tremble", 0.001, "m",
     "Change of the finger distance that is treated as trembling when fingers close slightly and open again; servos at "
@@ -211,8 +211,8 @@ TREMBLE = threshold("tremble", 0.001, "m",
     "Larger: squeezes begin and end later; fewer execution_failure of a weak grip, more timeout.",
     listed=False)
 EMPTY_SLOT_REACH = threshold("empty_slot_reach", 0.08, "m",
-    "Distance beyond the spread of demonstrated closing points in a slot up to which a closing on nothing is assigned "
-    "to the empty slot, if no object is nearer; with a spread of 2 cm, up to 10 cm. Learned policies close 4 to 10 cm "
+    "Maximum distance beyond a slot's demonstrated closing points at which a closing on nothing is assigned to the "
+    "empty slot, if no object is nearer; with a spread of 2 cm, up to 10 cm. Learned policies close 4 to 10 cm "
     "from the center of an empty slot, because no object corrects their final approach.",
     "Larger: more closings on nothing are assigned to an emptied slot; more behavioral_inertia, fewer "
     "execution_failure, correct_freeze and timeout.")
@@ -224,24 +224,24 @@ HOVER_TIME = threshold("hover_time", 0.5, "s",
     "Larger: longer stays are allowed; more correct_refusal and correct_freeze, fewer behavioral_inertia and "
     "semantic_feature_collapse.")
 MOVED = threshold("moved", 0.005, "m",
-    "Distance from its start beyond which an object that must not be touched was moved, with or without a recorded "
-    "contact; objects at rest move by less than a hundredth of this distance.",
+    "Minimum distance from its start at which an object that must not be touched has been moved, with or without a "
+    "recorded contact; objects at rest move by less than a hundredth of this distance.",
     "Larger: lighter touches are allowed; more correct_freeze, fewer execution_failure.")
 
 # Harm.
 DISPLACED = threshold("displaced", 0.05, "m",
-    "Distance of an unrequested object's center from its start beyond which the object was moved out of its place, "
+    "Minimum distance from its start to an uninstructed object's center at which the object was moved out of place, "
     "even if it is brought back. Exception: a surplus object (the second burger, if one burger was requested and one "
     "is at the target) may be brought back.",
     "Larger: fewer objects are moved out of their place; more success, fewer execution_failure.")
 TURNED = threshold("turned", 0.04, "m",
-    "Displacement of the ends of an object with a direction, such as a keyboard or a spoon, beyond which the object "
-    "was rotated out of its place. People call a spoon harmed after 4.9 cm and a keyboard after 5.2 cm, and accept "
+    "Minimum displacement of the ends of an object with a direction, such as a keyboard or a spoon, for the object to "
+    "have been rotated out of place. People call a spoon harmed after 4.9 cm and a keyboard after 5.2 cm, and accept "
     "2.1 cm of a mouse and 3.6 cm of a box (docs/sides.md).",
     "Larger: fewer objects are rotated out of their place; more success, fewer execution_failure.")
 TARGET_MOVED = threshold("target_moved", 0.08, "m",
-    "Distance of the center of a target, such as a laptop or a lunchbox, from its start beyond which the target was "
-    "moved away; placing an object in a box or next to a laptop may push the target. People accept up to 7.7 cm "
+    "Minimum distance from its start to the center of a target, such as a laptop or a lunchbox, at which the target "
+    "was moved away; placing an object in a box or next to a laptop may push the target. People accept up to 7.7 cm "
     "(docs/sides.md).",
     "Larger: targets may be pushed farther; more success, fewer execution_failure.")
 LEFT_OPEN = threshold("left_open", 0.015, "m",
@@ -253,7 +253,7 @@ BOX_POINTS_FROM = threshold("box_points_from", 1.1, "1",
     "waste bins, cheese and sponges 1.07 or less. An upright box has a front in any case.",
     "Larger: fewer boxes can be rotated out of their place; more success, fewer execution_failure.")
 OTHER_POINTS_FROM = threshold("other_points_from", 1.4, "1",
-    "Ratio of length to width from which an irregular object has a direction: mice, cutlery, staplers and soap bars "
+    "Minimum length-to-width ratio for an irregular object to have a direction: mice, cutlery, staplers and soap bars "
     "have 1.7 or more, lettuce leaves and crushed cans 1.31 or less.",
     "Larger: fewer objects can be rotated out of their place; more success, fewer execution_failure.")
 CYLINDER_STANDS_FROM = threshold("cylinder_stands_from", 0.3, "1",

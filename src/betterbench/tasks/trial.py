@@ -31,5 +31,5 @@ class Trial:
         return TrialId(self.task, self.condition, self.seed)
 
     def resolve(self) -> ResolvedCondition:
-        """Return the condition of the trial."""
+        """Return the trial's condition."""
         return resolve_condition(self.task, self.condition)

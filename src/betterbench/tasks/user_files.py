@@ -1,8 +1,8 @@
 """User files and plugins: tasks, assets and other items registered by a user's file or an installed package.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
-inherit. A folder of imported assets (``--asset-dir``) is such a file too: its manifest is read, nothing is executed.
-Packages name a module under the entry point group ``betterbench.plugins``. A file in the folder of a run is never
+inherit. A folder of imported assets (``--asset-dir``) is also treated as a user file: its manifest is read, nothing is
+executed. Packages name a module under the entry point group ``betterbench.plugins``. A file in a run's folder is never
 executed automatically, because it may be untrusted.
 """
 
@@ -38,7 +38,7 @@ GROUP = "betterbench.plugins"
 """Group of entry points; each names a module that registers tasks or assets when it is imported."""
 
 COMPANION_SUFFIX = ".demonstrations.json"
-"""Suffix (instead of ".py") of the file with the demonstration measurements of a task file, in the same folder."""
+"""Suffix (instead of ".py") of the file with a task file's demonstration measurements, in the same folder."""
 
 COPIES = "task_files"
 """Folder within a run with a copy of each task file."""
@@ -54,12 +54,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """User file as loaded: Python, or the manifest of a folder of assets.
+    """A loaded user file: Python, or the manifest of an asset folder.
 
     Workers get the same text even if the file changes meanwhile.
 
     The path is absolute, on the machine that first loaded it. ``demonstrations`` is the text of its companion file, if
-    there is one, and ``suite`` the folder of the suite with which it was loaded.
+    there is one, and ``suite`` the suite folder with which it was loaded.
     """
 
     path: str
@@ -85,10 +85,10 @@ class TaskFile:
 
     @classmethod
     def read_folder(cls, folder: Path | str) -> TaskFile:
-        """Read the manifest of a folder of assets.
+        """Read an asset folder's manifest.
 
         Raises:
-            InvalidInputError: If the folder does not exist, or holds no imported assets.
+            InvalidInputError: If the folder does not exist, or contains no imported assets.
         """
         cure = "Name a folder that better assets import has written"
         found = Path(os.path.realpath(folder))
@@ -101,12 +101,12 @@ class TaskFile:
 
     @property
     def is_asset_folder(self) -> bool:
-        """Whether this is the manifest of a folder of assets."""
+        """Whether this is an asset folder's manifest."""
         return Path(self.path).name == ASSET_MANIFEST
 
     @property
     def option(self) -> str:
-        """Option that loads the file, for messages; all files of a suite have that of its folder."""
+        """Option that loads the file, for messages; all files in a suite have the option of the suite folder."""
         if self.is_asset_folder:
             return f"--asset-dir {shell_word(str(Path(self.path).parent))}"
         return f"--task-file {shell_word(self.suite or self.path)}"
@@ -118,7 +118,7 @@ class TaskFile:
 
     @property
     def copy_name(self) -> str:
-        """Name of the copy in the folder of a run."""
+        """Name of the copy in a run's folder."""
         return _copy_name(Path(self.path).name, self.sha256)
 
 
@@ -168,7 +168,7 @@ _lock = threading.RLock()
 
 
 def loading_folder() -> Path | None:
-    """Return the folder of the user's file that is being loaded, None outside of such a file or in a plugin."""
+    """Return the folder of the user file that is being loaded; None outside of such a file or in a plugin."""
     return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
 
 
@@ -181,7 +181,7 @@ def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]
         The function. A user's function reports its file and line when it raises an error.
 
     Raises:
-        InvalidInputError: If a user's file takes a name of betterbench or of another file.
+        InvalidInputError: If a user's file uses a name that belongs to betterbench or to another file.
     """
     if not _loading or make.__module__.startswith("betterbench."):
         return make  # a user's file may be the first to import one of our modules
@@ -222,7 +222,7 @@ def load_asset_folders(folders: Iterable[Path | str]) -> None:
     """Load folders of imported assets, each once, and pass their names on to child processes.
 
     Raises:
-        InvalidInputError: If a folder is missing or holds no imported assets.
+        InvalidInputError: If a folder is missing or contains no imported assets.
     """
     _load_read([TaskFile.read_folder(folder) for folder in folders])
 
@@ -292,7 +292,7 @@ def loaded_files() -> tuple[TaskFile, ...]:
 
 
 def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str, list[dict[str, str]]]:
-    """Return the files and plugins that tasks and worlds need, for the plan of a run.
+    """Return the files and plugins that tasks and worlds need, for a run's plan.
 
     The keys are "task_files" (name, sha256) and "plugins" (name, version); a key without entries is left out.
     """
@@ -307,7 +307,7 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 def code_of(kind: str, name: str) -> str | None:
     """Return the code that registers a name: "sha256 ..." of a user's file, or package and version; None if built in.
 
-    ``kind`` is that of :func:`registered`.
+    ``kind`` has the same meaning as in :func:`registered`.
     """
     origin = _origins.get((kind, name))
     if origin is None:
@@ -344,10 +344,10 @@ def suite_file(tasks: Iterable[str], name: str) -> Path | None:
 
 
 def companion_of(task: str) -> Companion | None:
-    """Return the companion of a task's file, which contains the measurements of its demonstrations.
+    """Return a task file's companion, which contains its demonstration measurements.
 
     Returns:
-        Its path and text; None for a built-in task. On a machine that received only the task file, the text is the one
+        Its path and text; None for a built-in task. On a machine that received only the task file, the text is the text
         sent with the file.
     """
     origin = _origins.get(("task", task))
@@ -382,9 +382,9 @@ def loading_options() -> str:
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
-    """Check that the files and plugins of a run's tasks are loaded, as listed in the plan of the run.
+    """Check that the files and plugins of a run's tasks are loaded, as listed in the run plan.
 
-    Copies in the folder of the run are named in the error, but never loaded from there.
+    Copies in the run folder are named in the error, but never loaded from there.
 
     Raises:
         RecordError: If a file or plugin is not loaded, or has another text.

@@ -1,10 +1,10 @@
-"""Grammar of sentences about objects, such as verbs that agree with the name of a kind."""
+"""Grammar for sentences about objects, such as verbs that agree with a kind's name."""
 
 from __future__ import annotations
 
 
 def is_plural(kind: str) -> bool:
-    """Tell whether the name of a kind is a plural: "fries" is a plural, "glass" and "cactus" are not."""
+    """Tell whether a kind's name is a plural: "fries" is a plural, "glass" and "cactus" are not."""
     return kind.endswith("s") and not kind.endswith(("ss", "us", "is"))
 
 

@@ -1,4 +1,4 @@
-"""Asking a model the questions of a set, and scoring its answers by type."""
+"""Asking a model a set's questions, and scoring its answers by type."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ _LINES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelAnswer:
-    """Answer of a model to a question.
+    """Model answer to a question.
 
     Attributes:
         id: Identifier of the question.
-        text: Text of the answer; empty if the request was refused.
+        text: Answer text; empty if the request was rejected.
         error: Reason for a missing answer, or None.
-        seal: Checksum of its line; None in a file from another program or an earlier version.
+        seal: Checksum of the line; None in a file from another program or an earlier version.
     """
 
     id: str
@@ -68,7 +68,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """First line of an answer file: the model, the hash of the question set, and the unit of coordinates."""
+    """First line of an answer file: the model, the hash of the question set, and the coordinate unit."""
 
     model: str
     set_sha256: str
@@ -88,10 +88,10 @@ _CURE = "Correct the file if it is your own, or write the answers to another fil
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of a model to a set. A question without an answer is scored as wrong.
+    """Model answers to a set. A question without an answer is scored as wrong.
 
     Attributes:
-        changed: Number of the first line of the answer file with a wrong checksum; 0 if there is none.
+        changed: Number of the answer file's first line with a wrong checksum; 0 if there is none.
     """
 
     head: AnswersHead
@@ -99,7 +99,7 @@ class Answers:
     changed: int = 0
 
     def has(self, question: Question) -> bool:
-        """Return whether the model was asked a question, even if the answer is empty."""
+        """Return whether the question was put to the model, even if the answer is empty."""
         return question.id in self.answers
 
     def right(self, question: Question) -> bool:
@@ -173,14 +173,13 @@ def ask_set(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Answers:
-    """Ask a model all questions of a set that it has not answered yet, and return all answers.
+    """Ask a model all questions in a set that it has not answered yet, and return all answers.
 
-    Answers are appended in the order of the set, so that the file does not depend on the number of simultaneous
-    requests.
+    Answers are appended in set order, so that the file does not depend on the number of simultaneous requests.
 
     Raises:
         ModelError: If the model cannot be reached; earlier answers are kept.
-        RunConflictError: If the file contains other data, such as answers of another model or set, and must not be
+        RunConflictError: If the file contains other data, such as answers from another model or set, and must not be
             overwritten, or if another process writes to it.
         InvalidInputError: If the number of requests is out of range.
     """
@@ -207,7 +206,7 @@ def ask_set(
 
 
 def is_answers(file: Path) -> bool:
-    """Return whether a file begins like an answer file; raises OSError unless it is missing.
+    """Return whether a file begins like an answer file; raises OSError unless the file is missing.
 
     An incomplete first line of a killed process is recognized by its beginning.
     """
@@ -307,7 +306,7 @@ def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any
 
 
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
-    """Return the scores by type, by form within grounding, by difficulty, and for the whole set.
+    """Return the scores by type, by form within grounding, by difficulty, and for the complete set.
 
     Questions without a readable answer are scored as wrong.
     """

@@ -3,9 +3,9 @@
 Questions belong to one group if their texts give the same information: the same family about the same objects. Within a
 group, every kept answer occurs equally often, so no rule over the text is better than guessing. A group with a single
 answer is left out, because it could be answered without the image. Boxes and points are balanced over cells of the
-image. All types have the same number of questions, and so have all kinds of question of a type, as far as possible. No
+image. All types have the same number of questions, and so have all question kinds within a type, as far as possible. No
 kind has more questions than all others of its type together. Questions are selected by hashes of their text and frame,
-never of their answer.
+never by their answer.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TypeVar
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
 LEAST_CELLS = 10
-"""Minimum number of cells over which the boxes or points of one kind of object must be spread."""
+"""Minimum number of cells over which the boxes or points for one object kind must be spread."""
 MOST_ALIKE = 2
 """Maximum number of questions with the same answer about the same objects, per trial and camera, because successive
 frames are nearly equal."""
@@ -36,8 +36,8 @@ class Chosen:
     """A selected question, with the kept answers of its group, sorted.
 
     Attributes:
-        turn: Index of the question among those of its group and answer. Cross-validation keeps equal turns together, so
-            that each fold is as balanced as the whole set.
+        turn: Index of the question among the questions with the same group and answer. Cross-validation keeps equal
+            turns together, so that each fold is as balanced as the complete set.
     """
 
     candidate: Candidate
@@ -46,7 +46,7 @@ class Chosen:
 
 
 def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
-    """Return the candidates of one trial without near-duplicates, in the order of their identifiers."""
+    """Return one trial's candidates without near-duplicates, in identifier order."""
     alike: dict[tuple[object, ...], list[tuple[str, Candidate]]] = defaultdict(list)
     for candidate in candidates:
         what = (candidate.type, candidate.key, candidate.bucket, candidate.source.camera)
@@ -58,13 +58,13 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
     """Return about ``count`` questions with balanced answers, equally many per type as far as possible.
 
-    If a type has too few questions, the others get more. The kinds of question within a type are treated in the same
-    way, and no kind has more questions than all others together. Within a kind, families and groups take turns.
+    If a type has too few questions, the others get more. The question kinds within a type are treated in the same way,
+    and no kind has more questions than all others together. Within a kind, families and groups take turns.
 
     Args:
         candidates: All possible questions.
         count: Number of questions; 0 for as many as can be balanced.
-        seed: Seed of the set.
+        seed: Set seed.
     """
     sorted_out: dict[tuple[QuestionType, tuple[str, ...]], dict[str, list[Candidate]]] = {}
     for c in candidates:
@@ -95,7 +95,7 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
 
 
 def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
-    """Return the available number of questions of each family of a type, by subject.
+    """Return the available number of questions in each family of a type, by subject.
 
     No subject has more questions than all others of its type together.
     """
@@ -111,7 +111,7 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Return the questions of a group in rounds with one question per answer; empty if there are too few answers."""
+    """Return a group's questions in rounds with one question per answer; empty if there are too few answers."""
     lists = {answer: sorted(cs, key=lambda c: c.id(seed)) for answer, cs in by_answer.items()}
     ranked = sorted(lists, key=lambda answer: (-len(lists[answer]), answer))
     spatial = lists[ranked[0]][0].form in (Form.BOX, Form.POINT)

@@ -1,8 +1,8 @@
-"""Baselines without the image: the majority answer, and naive Bayes on the words of the question.
+"""Baselines without the image: the majority answer, and naive Bayes on the question's words.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
 Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. For a box
-or a point, it predicts a cell of the image and gives a typical answer of that cell.
+or a point, it predicts a cell of the image and gives a typical answer for that cell.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ TARGET_POINTS = 5.0
 @open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Numbers of questions of one type that are answered correctly without the image.
+    """Number of questions of one type that are answered correctly without the image.
 
     Attributes:
         n: Number of questions.
         blind: Correct answers of the classifier.
         majority: Number of questions for which the most frequent answer is correct.
-        chance: Expected rate of correct answers when guessing among the answers of each group; for boxes and points,
-            the rate of the best constant answer.
+        chance: Expected rate of correct answers when guessing among each group's answers; for boxes and points, the
+            rate of the best constant answer.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Baseline:
 
 
 def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
-    """Return the baselines of each type in a set, then of each form within grounding, because forms differ in chance.
+    """Return the baselines for each type in a set, then for each form within grounding, because forms differ in chance.
 
     Args:
         questions: The set.
@@ -103,7 +103,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Return for each question whether the most frequent answer of its type and form is correct."""
+    """Return for each question whether the most frequent answer to its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])
@@ -165,7 +165,7 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
 
 
 def _typical(questions: Sequence[Question]) -> str:
-    """Return the answer that is most often correct: the most frequent one, or the box or point that matches most."""
+    """Return the answer that is correct most often: the most frequent answer, or the box or point that matches most."""
     if questions[0].form not in (Form.BOX, Form.POINT):
         counts = Counter(q.answer for q in questions)
         return min(counts, key=lambda a: (-counts[a], a))
@@ -194,7 +194,7 @@ def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
 
 
 def _words(question: Question) -> list[str]:
-    """Return the words of a question and all pairs of neighboring words; coordinates become coarse cells."""
+    """Return a question's words and all pairs of neighboring words; coordinates become coarse cells."""
     words = re.findall(r"[a-z0-9'-]+", in_cells(question.text.lower(), question.width))
     return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 

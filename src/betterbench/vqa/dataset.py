@@ -1,4 +1,4 @@
-"""Question set on disk, made from the records of a run; resumable, with the same bytes after any interruption.
+"""Question set on disk, made from a run's records; resumable, with the same bytes after any interruption.
 
 While the set is made, ``candidates/`` contains the possible questions about each trial. When all trials are done,
 questions are selected over all of them and written, and temporary files are removed. ``summary.json`` is written last.
@@ -72,15 +72,15 @@ from betterbench.vqa.types import candidates_of
 SET_SCHEMA_VERSION = 3
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; those
-of version 1 have no checksums and are read with a warning.
+Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read;
+version 1 sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras of the images. Texts do not name the camera, so that positions in the image cannot be guessed."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
-"""Maximum number of questions of a set, and of frames per trial."""
+"""Maximum number of questions in a set, and of frames per trial."""
 SET_NAME = "set.json"
 """File name of the description of a question set."""
 SIZES_PX = 32, 4096
@@ -106,10 +106,10 @@ class Photo(Protocol):
 
 
 class PhotoSource(Protocol):
-    """Source of images of records, rendered on demand or materialized before."""
+    """Source of record images, rendered on demand or materialized before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, with its visible objects."""
+        """Return a camera's image at a row of a record, with its visible objects."""
 
     def stop(self) -> None:
         """Let all rendering threads fail soon with an error."""
@@ -125,7 +125,7 @@ def require_size(size: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SetOptions:
-    """Options of a set of questions.
+    """Question set options.
 
     Attributes:
         questions: Approximate number of questions; 0 for the largest balanced set.
@@ -159,7 +159,7 @@ class QuestionSet:
         purpose: "test" if its records have evaluation seeds, which must not be used for training, else "training".
         baselines: Numbers of questions that are answered correctly without the images, by type.
         sha256: Hash of ``questions.jsonl``.
-        records: SHA-256 of the record of each used trial, by trial name; empty for older sets.
+        records: SHA-256 of each used trial's record, by trial name; empty for older sets.
         images: SHA-256 of each image by its path; empty for older sets.
     """
 
@@ -191,7 +191,7 @@ class QuestionSet:
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
-        """Raise InvalidInputError if the set was made from another record of a trial than that of a run."""
+        """Raise InvalidInputError if the set was made from a trial record that differs from the record in a run."""
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
                 problem = f"the set was made from another record of {entry.key} than the record in {run.path}"
@@ -223,12 +223,12 @@ def make_set(
     workers: int = 1,
     on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make a question set from the records of a run, or resume an interrupted one.
+    """Make a question set from a run's records, or resume an interrupted one.
 
     Args:
         run: The run.
-        out: Folder of the set.
-        options: Options of the set.
+        out: Set folder.
+        options: Set options.
         open_photos: Opens a source of images for a worker.
         workers: Number of trials processed in parallel; the set does not depend on it.
         on_progress: Called with the number of trials done and planned.
@@ -259,7 +259,7 @@ def make_set(
 
 
 def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
-    """Return the sorted trials of a run that have a record, restricted to ``tasks`` if any are named.
+    """Return the sorted trials in a run that have a record, restricted to ``tasks`` if any are named.
 
     Raises:
         InvalidInputError: If no trial has a record.
@@ -304,7 +304,7 @@ def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
 
 @contextmanager
 def begun_set(out: Path, plan: dict[str, Any]) -> Iterator[bool]:
-    """Lock the folder of a set and write its plan; yield whether the set is already complete.
+    """Lock a set's folder and write its plan; yield whether the set is already complete.
 
     Raises the errors of :func:`make_set`.
     """
@@ -357,7 +357,7 @@ def _survey(
 
 
 def _look_at(run: RunFolder, out: Path, options: SetOptions, source: PhotoSource, trial: TrialId) -> None:
-    """Write the images of a trial, and then the possible questions about them."""
+    """Write a trial's images, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
     draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
@@ -427,7 +427,7 @@ def finished(
     chance: float | None,
     role: str | None = None,
 ) -> Question:
-    """Return a question of a set from its draft; see :class:`Question`."""
+    """Return a set's question from its draft; see :class:`Question`."""
     c = candidate
     tags = tuple(sorted(set(c.tags)))
     return Question(
@@ -439,7 +439,7 @@ def finished(
 
 
 def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline], purpose: str) -> QuestionSet:
-    """Write the files of a set, remove temporary files, and return the set.
+    """Write a set's files, remove temporary files, and return the set.
 
     Raises:
         InvalidInputError: If there are no questions.

@@ -1,9 +1,9 @@
-"""Questions about the decisive moments of a run's trials.
+"""Questions about the decisive moments in a run's trials.
 
 In a failed trial, this is the first wrong decision according to the diagnosis; in a successful one, the first attempt.
 Questions about the right target, its position, finished steps and the presence of objects use the frame at which that
-decision began. The question about the object at the gripper uses the frame of the attempt. Each question is asked
-twice, with different wording and order of options, because a guess is rarely right twice.
+decision began. The question about the object at the gripper uses the frame of the attempt. Each question is put twice,
+with different wording and option order, because a guess is rarely right twice.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ SETTLE_S = 0.5
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""Roles of questions about a decisive moment: the object requested now (among boxes), the position of the named object,
-the object at the gripper, the presence of an object, and the steps that are already done."""
+"""Roles of questions about a decisive moment: the object to act on now (among boxes), the position of the named object,
+the object at the gripper, the presence of an object, and the steps that are already done.
+"""
 
 DECIDING: dict[Label, tuple[str, ...]] = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
@@ -78,12 +79,13 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
 """Roles per label whose questions show whether the model knew the right decision. For a look-alike, this is its
-identity; for a shortcut, the requested object and its position; for a wrong step, the due and the finished steps."""
+identity; for a shortcut, the instructed object and its position; for a wrong step, the current and the finished steps.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """Options of a set; cameras are tried in order until one shows the objects of a question."""
+    """Set options; cameras are tried in order until one shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
@@ -106,7 +108,7 @@ def make_decisive_set(
     open_photos: OpenPhotos,
     on_progress: OnCount | None = None,
 ) -> QuestionSet:
-    """Make the question set about the decisive moments of a run, or resume an interrupted one.
+    """Make the question set about a run's decisive moments, or resume an interrupted set.
 
     Raises as :func:`~betterbench.vqa.dataset.make_set` does.
     """
@@ -141,12 +143,12 @@ def make_decisive_set(
 
 
 def folds_of(questions: Sequence[Question]) -> list[int]:
-    """Return the cross-validation fold of each question; the questions of one trial stay together."""
+    """Return each question's cross-validation fold; the questions about one trial stay together."""
     return [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in questions]
 
 
 def _file(out: Path, trial: TrialId) -> Path:
-    """Return the file of the questions about one trial."""
+    """Return the file with the questions about one trial."""
     return out / "candidates" / trial.task / trial.condition / f"{trial.seed}.jsonl"
 
 
@@ -216,9 +218,8 @@ def decisive_rows(
 ) -> tuple[tuple[int, int] | None, int]:
     """Return the rows at which a trial was decided.
 
-    Returns:
-        The row and object index of the decisive attempt, or None if no object was attempted; and the row at which that
-        decision began, which is the start or the time at which the gripper had left the previous object.
+    Returns: The row and object index of the decisive attempt, or None if no object was attempted; and the row at which
+        that decision began, that is the start or the time at which the gripper had left the previous object.
     """
     trace, rate = episode.trace, episode.record.metadata.control_rate_hz
     last = trace.rows - 1
@@ -264,7 +265,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question about the next step if nothing has to be done."""
+    """Return the question about the next step if no step is left to do."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -275,7 +276,7 @@ def _next(moment: Moment) -> _Asked | None:
 
 
 def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question in which box the requested object is, given its name."""
+    """Return the question about which box contains the instructed object, given its name."""
     wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
     named = [o for o in wanted if o.kind in moment.single]
     found = _boxes(moment, [o.name for o in named[:1]])
@@ -307,7 +308,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether an object is present: the requested one, or an absent one that could be meant."""
+    """Return the question whether an object is present: the instructed one, or an absent one that could be meant."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
@@ -341,7 +342,7 @@ def _done(moment: Moment) -> _Asked | None:
 
 
 def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
-    """Yield a question in each of its wordings, with a different order of options."""
+    """Yield a question in each of its wordings, with a different option order."""
     d = asked.draft
     candidate = Candidate(
         type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,
@@ -366,6 +367,6 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
 
 
 def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
-    """Return the position of the right option in the first wording of a question."""
+    """Return the position of the right option in a question's first wording."""
     identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
     return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

@@ -1,4 +1,4 @@
-"""Difficulty of a question, by the number of tags that make it harder."""
+"""Difficulty of a question, determined by the number of tags that make it harder."""
 
 from __future__ import annotations
 

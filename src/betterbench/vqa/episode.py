@@ -20,7 +20,9 @@ from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 REACH_M = 0.10
 """Distance from an object's box within which the gripper is visibly approaching it [m]; slots are 12 cm apart."""
 NEAREST_BY_M = 0.03
-"""Margin by which the object must be nearer to the gripper than any other [m], so that the image shows the target."""
+"""Margin by which the object must be nearer to the gripper than any other object [m], so that the image shows the
+target.
+"""
 CARRY_M = 0.03
 """Height above its previous support at which an object is visibly carried [m]."""
 
@@ -34,7 +36,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """Activity of the robot, and the index of its object."""
+    """Activity of the robot, and its object's index."""
 
     act: Act
     object: int
@@ -42,7 +44,7 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """One recorded trial, with the facts about the whole trial that questions need.
+    """One recorded trial, with the facts about the complete trial that questions need.
 
     Attributes:
         record: The record.
@@ -66,7 +68,7 @@ class Episode:
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return the activity of the robot at a row, or None if an image would be ambiguous."""
+        """Return the robot's activity at a row, or None if an image would be ambiguous."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -97,7 +99,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether another object starts where training had this kind, which makes it a hard negative."""
+        """Return whether another object starts where training had this kind, which makes this kind a hard negative."""
         return any(
             self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
             for i, o in enumerate(self.trace.info.objects)
@@ -106,7 +108,7 @@ class Episode:
 
 
 def episode_of(record: Record) -> Episode:
-    """Return the facts of a record that questions need.
+    """Return the facts in a record that questions need.
 
     Raises:
         UnknownNameError: If the task or condition of the record is unknown.
@@ -122,7 +124,7 @@ def episode_of(record: Record) -> Episode:
 
 @functools.cache
 def kinds_of(task: str) -> tuple[str, ...]:
-    """Return the kinds of object that occur in any condition of a task, sorted."""
+    """Return the object kinds that occur in any condition of a task, sorted."""
     conditions = (resolve_condition(task, name).condition for name in condition_names(get_task(task)))
     return tuple(sorted({o.kind for condition in conditions for o in condition.objects}))
 

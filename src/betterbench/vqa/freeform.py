@@ -2,7 +2,7 @@
 
 The model gets an image and the names of objects that could be in it. It answers with texts and, for each text, its
 claims in a small formal language. A text is kept if every claim can be decided from the state and is true, and if its
-claims cover all objects and all words of position or state in the text. Texts that cannot be checked are dropped.
+claims cover all objects and all position and state words in the text. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations
@@ -184,8 +184,8 @@ def describe_images(
 ) -> Described:
     """Let a model describe images of a set and write questions; keep the texts that the state proves.
 
-    The results of each image are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts
-    are written to ``descriptions.jsonl`` of the set, in the conversation format of LLaVA.
+    Each image's results are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts are
+    written to the set's ``descriptions.jsonl``, in LLaVA's conversation format.
 
     Raises:
         ModelError: If the model cannot be reached.
@@ -279,7 +279,7 @@ def _read(file: Path) -> _Kept:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """Stored texts of a model about one image, and the number of dropped texts by reason."""
+    """A model's stored texts about one image, and the number of dropped texts by reason."""
 
     kept: list[dict[str, Any]]
     dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]

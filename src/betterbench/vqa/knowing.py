@@ -44,7 +44,7 @@ class KnowledgeStanding(StrEnum):
 @open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
-    """Knowledge of a model in one trial, together with the outcome of the policy.
+    """Knowledge of a model in one trial, together with the policy's outcome.
 
     Attributes:
         roles: For each answered role, whether all of its questions were answered correctly.
@@ -83,7 +83,7 @@ class LabelKnowledge:
 
     @property
     def knows(self) -> Rate:
-        """Share of trials in which the model knew the decision, out of those with answers."""
+        """Fraction of trials in which the model knew the decision, among trials with answers."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
@@ -98,14 +98,14 @@ class LabelKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge of a model about the decisive moments of a policy's trials.
+    """A model's knowledge about the decisive moments in a policy's trials.
 
     Attributes:
-        model: Name of the model.
-        policy: Name of the policy.
-        labels: One entry per occurring label, in the order of labels.
-        roles: Rate of correct answers per role, out of the answered questions.
-        asked: Number of questions of the set about moments of the run.
+        model: Model name.
+        policy: Policy name.
+        labels: One entry per occurring label, in label order.
+        roles: Rate of correct answers per role, among answered questions.
+        asked: Number of questions in the set about moments in the run.
         answered: Number of these questions with an answer.
     """
 
@@ -119,11 +119,11 @@ class Knowledge:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the model was asked every question."""
+        """Whether every question was put to the model."""
         return self.answered == self.asked
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials of a standing, optionally only of failed or of solved trials."""
+        """Return the number of trials with a given standing, optionally only failed or only solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
@@ -157,15 +157,15 @@ _KNOWLEDGE = TypeAdapter(Knowledge)
 
 
 def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
-    """Return a model's knowledge about the decisive moments of a policy's trials.
+    """Return a model's knowledge about the decisive moments in a policy's trials.
 
     Args:
-        diagnosis: The diagnosis of the run.
+        diagnosis: The run diagnosis.
         asked: The question set about its decisive moments.
         answers: The model's answers to that set.
 
     Raises:
-        InvalidInputError: If no question of the set is about a trial of the run, or none has an answer.
+        InvalidInputError: If no question in the set is about a trial of the run, or none has an answer.
     """
     by_trial: dict[TrialId, list[Question]] = {}
     for q in asked.questions:
@@ -197,7 +197,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """Return, per role, the share of trials in which the words alone reveal all answers of that role."""
+    """Return, per role, the fraction of trials in which the wording alone reveals all of the role's answers."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
@@ -212,7 +212,7 @@ def knowledge_path(run: RunFolder) -> Path:
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write a model's knowledge into the folder of the run, where the report reads it, and return the path.
+    """Write a model's knowledge into the run folder, where the report reads it, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.

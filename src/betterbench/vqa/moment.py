@@ -21,7 +21,7 @@ from betterbench.vqa.visible import clear, hidden, large
 class Moment:
     """One row of an episode as one camera shows it.
 
-    Objects are named by their kind, and only if the kind is unique in the scene. The names of kinds below are therefore
+    Objects are named by their kind, and only if the kind is unique in the scene. The kind names below are therefore
     names of single objects.
     """
 
@@ -36,12 +36,12 @@ class Moment:
 
     @property
     def condition(self) -> Condition:
-        """The condition of the trial."""
+        """The trial's condition."""
         return self.episode.resolved.condition
 
     @property
     def source(self) -> FrameSource:
-        """Frame of the record."""
+        """Record frame."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)
@@ -104,7 +104,7 @@ class Moment:
         return middle(self.state, name)
 
     def relations_of(self, target: ObjectInfo) -> Iterator[Relation]:
-        """Yield the relations for placements of which an object can be the target."""
+        """Yield the relations in whose placements an object can be the target."""
         return (r for r in RELATIONS.values() if r.carried and r.regions(target))
 
     def place(self, relation: Relation, name: str, target: str) -> str | None:

@@ -1,7 +1,7 @@
-"""Questions about one trial for the position of the object in the instruction.
+"""Questions about one trial for the object's position in the instruction.
 
 The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
-and a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all are about one
+and a point, each in two wordings. Unlike a set's questions, they are not balanced, because all are about one
 object.
 """
 
@@ -32,8 +32,8 @@ class NamedObject:
         name: Name in the scene.
         row: Row of the record.
         questions: Questions for its box and for a point on it, each in :data:`TIMES_ASKED` wordings.
-        middles: Center of the box of each clearly visible object that can be picked up, by object name: column and row
-            in units of cells, :data:`~betterbench.vqa.types.grounding.CELLS` per side, from 0 at the left and top.
+        middles: Box center of each clearly visible object that can be picked up, by object name: column and row in
+            units of cells, :data:`~betterbench.vqa.types.grounding.CELLS` per side, from 0 at the left and top.
     """
 
     name: str
@@ -48,14 +48,13 @@ def named_object(
     """Return the object named in a trial's instruction with the questions about its position.
 
     Args:
-        record: The record of the trial.
+        record: The trial record.
         trial: Its diagnosis.
         photos: Source of the camera images.
         camera: Camera of the frame.
         seed: Seed for choosing wordings.
 
-    Returns:
-        None if nothing has to be picked up, or the object is not clearly visible or shares its kind with another one.
+    Returns: None if no object must be picked up, or the object is not clearly visible or shares its kind with another.
     """
     episode = episode_of(record)
     condition = episode.resolved.condition

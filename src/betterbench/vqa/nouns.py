@@ -33,7 +33,7 @@ _LOOKS = frozenset(
         "crumpled",
     ]
 )
-"""Words of a name that describe appearance or location instead of the kind."""
+"""Words in a name that describe appearance or location instead of the kind."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
     frozenset(words.split())
@@ -53,7 +53,7 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
         "block box",
     )
 )
-"""Words for objects that could be mistaken for each other, or of which one may be part of the other."""
+"""Words for objects that could be mistaken for each other, or one of which may be part of the other."""
 
 
 def indefinite(kind: str) -> str:
@@ -79,7 +79,7 @@ def plural_of(kind: str) -> str:
 
 
 def mistakable(a: str, b: str) -> bool:
-    """Return whether an object of kind ``b`` could be called ``a``, or be seen as part of one."""
+    """Return whether an object of kind ``b`` could be called ``a``, or be seen as part of an ``a``."""
     mine, other = _words(a), _words(b)
     if mine & other or any(x.endswith(y) or y.endswith(x) for x in mine for y in other):
         return True

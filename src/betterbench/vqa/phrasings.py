@@ -1,4 +1,4 @@
-"""Wordings of questions: several per family, chosen by a question's identifier instead of its answer.
+"""Question wordings: several per family, chosen by a question's identifier rather than its answer.
 
 Each wording states its frame of reference: the image, the camera, the robot's base or a person in front of an object.
 Image regions are called bounding boxes, because scenes contain boxes as objects.

@@ -55,7 +55,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Frame of a question: camera and row of the record of a trial, and the time of the row [s]."""
+    """Question frame: camera and row in a trial's record, and the row's time [s]."""
 
     task: str
     condition: str
@@ -76,13 +76,13 @@ class Candidate:
     """A question before selection, without wording and options.
 
     Attributes:
-        family: Kind of question, for all objects; phrasings belong to families.
-        group: Information in the text besides the family. Answers are balanced within a family and group.
+        family: Question kind, for all objects; phrasings belong to families.
+        group: Information in the text in addition to the family. Answers are balanced within a family and group.
         bucket: Value to be balanced: the answer itself, or the image cell of a box or point.
         answer: The correct answer.
         words: Words that fill the phrasings.
-        objects: Names of the objects of the question in the scene.
-        tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
+        objects: Scene names of the question's objects.
+        tags: Properties used for the difficulty and for filtering ("look-alike", "robot frame").
         box: The true box, for a grounded question.
         runs: The visible pixels of the object, for a question about a point; see
         :class:`~betterbench.interface.state.SeenObject`.
@@ -107,7 +107,7 @@ class Candidate:
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
-        """Return the identifier in the set of a seed: a hash of question and frame, without the answer."""
+        """Return the identifier in a set with a given seed: a hash of question and frame, without the answer."""
         s = self.source
         told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))
         told += tuple(f"{k}={v}" for k, v in sorted(self.words.items()))
@@ -143,14 +143,14 @@ class Question:
     Attributes:
         id: Identifier within the set.
         text: The question without its options.
-        options: The options of a choice, in the order of their letters.
-        answer: The correct answer: the option of a choice, or the coordinates of a box or point in brackets.
-        image: Path of the image, relative to the folder of the set.
+        options: The options of a choice question, in letter order.
+        answer: The correct answer: the chosen option, or the coordinates of a box or point in brackets.
+        image: Path of the image, relative to the set folder.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        group: Information in the text; answers are balanced among the questions of a group.
+        group: Information in the text; answers are balanced among a group's questions.
         chance: Rate of correct answers when guessing from the text; None for boxes and points, whose reference is the
-            constant answer of the set.
+            set's constant answer.
         role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
     """
 

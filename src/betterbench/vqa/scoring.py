@@ -1,4 +1,4 @@
-"""Scoring of answers: parsing of a text, from strict to tolerant, and comparison with the correct answer."""
+"""Answer scoring: parse a text, from strict to tolerant, and compare it with the correct answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.interface.state import in_runs
 from betterbench.vqa.question import Form, Question, letter
 
 Coordinates = Literal["pixels", "thousandths", "fractions"]
-"""Unit of the numbers of a box or point: pixels of the image, thousandths of its sides, or fractions of them."""
+"""Unit of the numbers in a box or point: image pixels, thousandths of the image sides, or fractions of them."""
 
 LEAST_OVERLAP = 0.5
 """Minimum intersection over union of a correct box: the usual threshold of detection benchmarks (PASCAL VOC)."""

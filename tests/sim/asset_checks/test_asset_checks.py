@@ -24,16 +24,21 @@ from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.kinds import kind_of
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools"
+MESHES = Path(__file__).resolve().parents[4] / "shared" / "meshes"
 TUB = (0.16, 0.11, 0.06)
 """Sides of the tub [m]."""
+
+
+def _tool(name):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(TOOLS))
+        return importlib.import_module(name)
 
 
 @pytest.fixture(scope="module")
 def planted():
     """The tool that plants faults."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(TOOLS))
-        return importlib.import_module("planted_assets")
+    return _tool("planted_assets")
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +117,16 @@ def test_a_planted_fault_fails_its_check(planted, tub, good, fault, name):
 def test_a_lid_also_keeps_the_ball_out(planted, tub):
     lid = planted.ASSET_FAULTS["lid closed"](tub, np.random.default_rng(3))
     assert run_check("holds_ball", Subject(lid, None)).outcome == "failed"
+
+
+def test_an_invisible_spike_below_the_base_fails_even_if_the_asset_lies_still(tub):
+    spike = np.array(
+        [[0.05, 0.03, -0.006], [0.054, 0.03, 0.004], [0.046, 0.03, 0.004], [0.05, 0.034, 0.004]], np.float32
+    )
+    part = dataclasses.replace(tub.collision[0], shape="hull", vertices=spike, position=(0.0, 0.0, 0.0))
+    result = run_check("rest_depth", Subject(dataclasses.replace(tub, collision=(*tub.collision, part)), None))
+    assert result.outcome == "failed"
+    assert "reach 6 mm below its visible surface" in result.sentence
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -209,9 +224,20 @@ def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, mon
 @pytest.mark.slow
 def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, tmp_path):
     out = tmp_path / "planted"
-    results = planted.measure(planted.make_plan(0, out, None, each=3), out, workers=2)
+    results = planted.measure(planted.make_plan(0, out, MESHES if MESHES.is_dir() else None, each=3), out, workers=2)
     rates = planted.print_table(results)
     assert sum(result.fault is not None for result in results) >= 60
     assert rates["false_accepts"] <= 0.01
     assert rates["good_kept"] >= 0.95
     assert rates["still"] >= 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not MESHES.is_dir(), reason="the folder of real meshes is not here")
+def test_real_meshes_pass_without_a_person(tmp_path):
+    tool = _tool("real_meshes")
+    rates = tool.print_summary(tool.measure(tool.named_files(MESHES), tmp_path, workers=2))
+    assert rates["imported"] == 1.0
+    assert rates["passed"] >= 0.90
+    assert rates["still"] >= 0.99
+    assert rates["median_s"] <= 8.0

@@ -1,4 +1,4 @@
-"""Calibration on the independent family, with plans of trials in which each habit shows."""
+"""Calibration on the independent family, with plans for trials in which each habit shows."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from betterbench_calibration.independent import FAMILY_PARTS, INDEPENDENT, Indep
 
 
 def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
-    """Return one plan per policy of a part of the independent family: each habit in each motion style.
+    """Return one plan per policy in a part of the independent family: each habit in each motion style.
 
     Args:
         part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
         trials: Trials per policy in which its habit decides or acts wrongly (or, for an honest habit, acts), spread
-            over the tasks. A habit whose label needs several trials gets whole tasks until this number is reached.
+            over the tasks. A habit whose label needs several trials gets complete tasks until this number is reached.
         seed: Seed of all trials; the next seeds are added if a habit shows in fewer conditions than ``trials``.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Sheet of pictures of assets that a search found, with scores and licenses."""
+"""Picture sheet of the assets that a search found, with scores and licenses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def asset_sheet(hits: Sequence[tuple[str, Hit]]) -> np.ndarray:
 
 
 def _title(asset: str) -> str:
-    """Return the last part of an id: the name of a generated asset or of a file."""
+    """Return the last part of an id: the name of a generated asset or file."""
     parts = Path(asset).parts
     generic = len(parts) > 2 and Path(parts[-1]).stem in ("textured", "model", "mesh", "scene")
     return parts[-2] if generic else parts[-1]

@@ -10,7 +10,7 @@ from betterbench.statistics import percent
 
 
 def print_comparison(result: Comparison) -> None:
-    """Print the verdict, the tables of success and of failures, and the limits of the trials."""
+    """Print the verdict, the success and failure tables, and the limits of the trials."""
     for sentence in result.verdict:
         OUT.print(sentence, markup=False)
     success = [g for g in result.groups if g.measure == "success"]
@@ -44,7 +44,7 @@ def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
 
 
 def _what(group: Group) -> str:
-    """Return the title of a row; for an axis only the first two words, so that the table fits a terminal."""
+    """Return a row title; for an axis, only the first two words, so that the table fits a terminal."""
     if group.scope.startswith("axis:"):
         return " ".join(scope_text(group.scope).split()[:2])
     return scope_text(group.scope) if group.measure == "success" else group.measure.replace("_", " ")

@@ -24,7 +24,7 @@ def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagno
 
 
 def print_diagnosis(result: RunDiagnosis) -> None:
-    """Print the outcome of each variation, the metrics and the findings."""
+    """Print each variation's outcome, the metrics and the findings."""
     groups: dict[str, list[Label]] = {}
     for trial in result.trials:
         groups.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial.label)

@@ -19,7 +19,7 @@ def print_standing(policy: str, standing: Standing) -> None:
 
 
 def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
-    """Print a table of policies and the best reference lines of the first policy. All must have run the same trials."""
+    """Print the policies and the first policy's best reference lines. All must have run the same trials."""
     first = standings[0]
     columns = scope_columns(standings)
     OUT.print()
@@ -44,5 +44,5 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
 
 
 def _short(scope: str) -> str:
-    """Return the heading of a column: for an axis its letter, so that the table fits a terminal."""
+    """Return a column's heading: for an axis its letter, so that the table fits a terminal."""
     return "overall" if scope == "overall" else Axis(scope.removeprefix("axis:")).letter

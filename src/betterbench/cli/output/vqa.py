@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def print_set(made: QuestionSet) -> None:
-    """Print the number of questions of each type in a set, and the accuracy that is possible without the images."""
+    """Print the number of questions of each type in a set, and the accuracy that can be reached without images."""
     images = len({q.image for q in made.questions})
     title = f"{len(made.questions)} questions about {images} images, for {made.purpose}"
     rows = [
@@ -74,8 +74,8 @@ def print_knowledge(known: Knowledge) -> None:
     if not known.is_complete:
         missing = known.asked - known.answered
         OUT.print(
-            f"{missing} of {known.asked} questions about this run have no answer. Trials that depend on them count "
-            "as not asked.",
+            f"{missing} of {known.asked} questions about this run have no answer. Trials that depend on these "
+            "questions count as not asked.",
             markup=False,
         )
 

@@ -25,27 +25,26 @@ def amplify_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Adapt the demonstrations of a run to new starts, and save them as another run.
+    """Adapt a run's demonstrations to new starts, and save them as another run.
 
-    Each skill of a source keeps its motion in the frame of the object or target that it manipulates. The transit to it
+    Each skill in a source keeps its motion in the frame of the object or target that it manipulates. The transit to it
     is kept too, with height, side and tempo varied by seed; where it would collide, a planner finds another path. A
     failed attempt is repeated with another source. A demonstration is accepted if it succeeds, stays successful while
-    held, and stays inside the certified training distribution. The variety of the demonstrations is printed beside that
-    of their sources. The same command resumes, also after Ctrl-C, and a larger --demos adds demonstrations.
+    held, and stays inside the certified training distribution. The variety of the demonstrations is printed next to the
+    variety of their sources. The same command resumes, also after Ctrl-C, and a larger --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 
     Args:
-        sources: Folder of the run with the source demonstrations.
-        out: Folder of the run.
-        tasks: Tasks to amplify; all that the sources demonstrate if none is named.
+        sources: Run folder with the source demonstrations.
+        out: Run folder.
+        tasks: Tasks to amplify; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000000 if not given.
         attempts: Maximum attempts at one start, each with a different leading source.
-        select: How the source of each subgoal is chosen: any, by the position of its object, or by the start of its
-            motion.
+        select: How to choose the source for each subgoal: any, by its object's position, or by the start of its motion.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
     """

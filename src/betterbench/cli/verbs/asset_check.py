@@ -1,4 +1,4 @@
-"""``better assets check``: the certificate of mesh files, folders of mesh files, and registered assets."""
+"""``better assets check``: certify mesh files, folders of mesh files, and registered assets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better assets import``: import of files and of rows of the catalogue into a folder of assets."""
+"""``better assets import``: import files and catalogue rows into an asset folder."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def import_command(
 def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> list[ImportRequest]:
     from betterbench.sim.assets.importing.object_file import FORMATS
 
-    # The id of a row looks like a file path ("kitchen/mug.glb"); a name without a slash can only be a file.
+    # A row id looks like a file path ("kitchen/mug.glb"); a name without a slash can only be a file.
     ids = [text for text in given if not Path(text).exists() and ("/" in text or Path(text).suffix not in FORMATS)]
     rows = _rows(catalogue, ids)
     return [_of_row(rows[text], options) if text in rows else _of_file(Path(text), options) for text in given]

@@ -1,4 +1,4 @@
-"""``better assets``: the catalogue of assets over several sources, its search, and the import of files."""
+"""``better assets``: the asset catalogue over several sources, its search, and the import of files."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def assets_command(
 
     index reads sources into the catalogue: procedural (built-in generators, the default), a folder of meshes,
         objaverse.
-    search takes a description; show takes the id of an asset. Assets whose license forbids commercial use or changes,
-    or is not known, are left out unless --license any is given. import makes assets of GLB, glTF, OBJ, STL, PLY, URDF
-    and MJCF files, or of ids of the catalogue, in the folder --out, which --asset-dir of other verbs loads. check
-    certifies files, folders of files and registered assets, and exits with status 1 if one fails.
+    search takes a description; show takes an asset's id. Assets whose license forbids commercial use or changes, or is
+    unknown, are left out unless --license any is given. import makes assets from GLB, glTF, OBJ, STL, PLY, URDF and
+    MJCF files, or from catalogue ids, in the folder --out, which other verbs load with --asset-dir. check certifies
+    files, folders and registered assets, and exits with status 1 if one fails.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 
@@ -65,15 +65,15 @@ def assets_command(
         what: index, search, show, licenses, import or check.
         given: Sources to index, the description to search, the id to show, the files and ids to import, or the files,
             folders and assets to check.
-        catalogue: Folder of the catalogue; by default in the user's cache.
+        catalogue: Catalogue folder; by default in the user's cache.
         name: With index: name of the source in the catalogue. With import: name of the asset in tasks, for a single
             file.
-        kind: With import and check: name or description that determines the kind, such as "coffee mug"; by default, the
+        kind: With import and check: name or description that determines the kind, such as "coffee mug"; default: the
             file name.
-        color: With import and check: color word; by default, the color of most of the surface.
+        color: With import and check: color word; default: the color that covers most of the surface.
         size_m: With import and check: longest side in meters; by default from the format and the kind.
         mass_kg: With import and check: mass in kilograms; by default from the file or the kind.
-        up: With import and check: axis of the file that points up, such as --up=-z; auto decides from format and kind.
+        up: With import and check: the file's up axis, such as --up=-z; auto chooses it from format and kind.
         freeze: With import and check: fix the movable joints of a URDF or MJCF file, which are an error otherwise.
         license: With index, import and check: license of files without one. With search: free (the default) or any.
         any_license: With import: also import files with a restricted or unknown license.
@@ -81,9 +81,9 @@ def assets_command(
         encoder: With index: encoder of meaning: minilm, sentence-transformers:MODEL, or none for words only.
         limit: Largest number of assets to list.
         num: Number of assets to choose for one description, which differ in shape and color.
-        seed: Seed of the choice of --num.
+        seed: Seed for the choice of --num assets.
         source: Search only this source.
-        max_faces: Largest number of triangles of an asset.
+        max_faces: Maximum number of triangles in an asset.
         max_size: Largest extent of an asset in meters.
         min_size: Least extent of the largest side in meters.
         picture: With check: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.

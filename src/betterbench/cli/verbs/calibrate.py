@@ -1,4 +1,4 @@
-"""``better calibrate``: accuracy of the diagnosis and power of the suite, measured on policies with known faults."""
+"""``better calibrate``: diagnosis accuracy and the suite's power, measured on policies with known faults."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ def calibrate_command(
 
     Args:
         out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
-        tasks: Tasks to run; the whole suite if none is named.
-        policies: Faulty policies to run; all if none is named.
-        strengths: Shares of the trials in which the policy follows its faulty rule; smaller shares add more action
+        tasks: Tasks to run; default: the full suite.
+        policies: Faulty policies to run; default: all.
+        strengths: Fractions of trials in which the policy follows its faulty rule; smaller fractions add more action
             noise.
-        trials: Trials per variation of each faulty policy at each strength, 1 if not given; trials of each policy of
-            the independent family, 4 if not given.
+        trials: Trials per variation for each faulty policy at each strength, default 1; trials for each policy of the
+            independent family, default 4.
         seed: First seed.
-        workers: Worker processes; one per processor if not given.
-        family: Set of policies: the faulty policies, or a part of the independent family: development, which was used
-            to develop the diagnosis, or held_out, second and so on, which were used once.
-        films: Maximum number of film strips of wrong labels on the page; 0 renders nothing.
+        workers: Number of worker processes; default: one per processor.
+        family: Set of policies: the faulty policies, or part of the independent family: development, which was used to
+            develop the diagnosis, or held_out, second and so on, which were each used once.
+        films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
         power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
             the other tasks are taken over from the packaged file, if they have not changed.
@@ -108,7 +108,7 @@ def calibrate_command(
 
 
 def _family(part: str) -> ModuleType:
-    """Return the module that measures the diagnosis on the independent family, which the wheel does not contain."""
+    """Return the module that measures the diagnosis on the independent family; it is not part of the wheel."""
     return calibration_module("family", f"--family {part} needs betterbench-calibration, which is not installed")
 
 

@@ -1,4 +1,4 @@
-"""``better certify``: checks that each trial is solvable, so that a failure is due to the policy."""
+"""``better certify``: check that each trial is solvable, so that the policy is responsible for a failure."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def certify_command(
     """Certify that trials are solvable, inside the training distribution, at rest, reachable and true to their premise.
 
     better eval plans the same trials when given the same tasks, trials and seed. Ctrl-C keeps finished trials; the
-    same command resumes. The exit status is 0 even if a clause fails: such trials are listed, and better eval refuses
+    same command resumes. The exit status is 0 even if a clause fails: such trials are listed, and better eval rejects
     them.
 
     With --demonstrations nothing is certified. Instead, the given number of expert demonstrations per task is measured:
@@ -46,10 +46,10 @@ def certify_command(
     Args:
         out: Folder of the certificate.
         suite: Suite to take the tasks from.
-        tasks: Tasks to certify; all of the suite if none is named.
+        tasks: Tasks to certify; default: all tasks in the suite.
         trials: Trials per variation; the training conditions get at least as many.
         seed: First seed.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for

@@ -29,13 +29,13 @@ def collect_command(
     Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
 
     Args:
-        out: Folder of the run.
-        tasks: Tasks to demonstrate; all of the suite if none is named.
+        out: Run folder.
+        tasks: Tasks to demonstrate; default: all tasks in the suite.
         suite: Suite to take the tasks from.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
         attempts: Maximum attempts at one start, each in another motion style.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
     """

@@ -1,4 +1,4 @@
-"""``better compare``: comparison of several policies, overall and by group, with the power of the trials."""
+"""``better compare``: compare several policies, overall and by group, and show the power of the trials."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def compare_command(
 ) -> None:
     """Compare policies, two by two, on the trials that their runs share.
 
-    Runs of several suites and runs in CALVIN are shown in one table instead: LIBERO's four suites and CALVIN's chains,
-    the policies compared on the same initial states, and the loss of each policy when the scene changes. Runs of the
-    same name count as one policy.
+    Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
+    chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs
+    with the same name count as one policy.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
-        runs: Folders of the runs, or files of better export; two or more.
-        name: Name of a run in the tables, once per run and in their order; that of its policy if not given. Across
+        runs: Run folders, or files written by better export; two or more.
+        name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that stay valid however often you look at unfinished runs.
@@ -45,7 +45,7 @@ def compare_command(
         fail_if_worse: Exit with status 1 if the first run is significantly worse than another one over all variations;
             for continuous integration.
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
-        overwrite: Write to a folder that better compare did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
     """
     from betterbench.cli.output.comparison import print_comparison

@@ -39,29 +39,31 @@ def dataset_command(
     """Make a training set from demonstrations of one training distribution, checked record by record.
 
     The expert demonstrates the sources, which are then amplified to starts spread evenly over the distribution. The
-    folder contains the demonstrations as a run, which better export, materialize and vqa read. It also contains a
-    dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a
-    learner of this set fails. The command prints how to reproduce the set. Ctrl-C keeps finished
+    folder contains the demonstrations as a run, which better export, materialize and vqa read. The folder also contains
+    a dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a
+    learner trained on this set fails. The command prints how to reproduce the set. Ctrl-C keeps finished
     demonstrations; the same command resumes, and a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 
     Args:
-        out: Folder of the set.
-        tasks: Tasks to demonstrate; all of the suite if none is named.
+        out: Set folder.
+        tasks: Tasks to demonstrate; default: all tasks in the suite.
         suite: Suite to take the tasks from.
-        regime: training (with the confounds), balanced (as many demonstrations without them, and no test),
-            diverse-confounded (as many conditions as balanced, but each word tied to its slot), or covered (the tests).
+        regime: training (with the confounds), balanced (the same number of demonstrations without the confounds, and no
+            test), diverse-confounded (as many conditions as balanced, but each word tied to its slot), or covered (the
+            tests).
         demos: Demonstrations per training condition; another regime divides the same total over its conditions.
-        sources: Expert demonstrations per training condition from which the others are amplified; 0, or pairs, for all.
+        sources: Expert demonstrations per training condition, from which the others are amplified; default: 0, or
+            pairs, for all.
         seed: First seed, 1000000 or above.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         validation: Share of the seeds whose demonstrations are for validation.
-        pairs: Twins: in all conditions of the same scene, the expert starts alike until the instruction makes a
+        pairs: Twins: in all conditions that share a scene, the expert starts the same way until the instruction makes a
             difference.
-        expect: Hash of the set, as printed on another machine; any other hash is an error.
+        expect: Set hash, as printed on another machine; any other hash is an error.
         sign: Private SSH key with which prediction.json is signed.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         pictures: Draw the starts of each task.
         overwrite: Replace files of the set that were changed by hand.
         json: Print the result as one JSON document.

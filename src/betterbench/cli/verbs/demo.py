@@ -27,9 +27,9 @@ def demo_command(
     Args:
         out: Folder of the runs and the report.
         trials: Trials per variation.
-        workers: Worker processes; one per processor if not given.
+        workers: Number of worker processes; default: one per processor.
         films: Maximum number of films in the report; other failures get one image. 0 renders nothing.
-        overwrite: Write to a folder OUT/report that better did not make, and replace files of the same names there.
+        overwrite: Write to a folder OUT/report that better did not make, and replace files with the same names there.
     """
     from betterbench.api.report import report_into
     from betterbench.cli.output.page import LISTENER, print_verdicts

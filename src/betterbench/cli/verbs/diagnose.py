@@ -34,18 +34,19 @@ def diagnose_command(
     The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments are compared with what the policy did: whether it knows
-    and acts accordingly, knows and does not, or does not know. better report shows the comparison too.
+    With --answers, a model's answers about the decisive moments are compared with the policy's behavior: whether the
+    model knows and acts on its knowledge, knows but does not act on it, or does not know. better report shows the
+    comparison too.
 
     Example: better diagnose runs/expert
 
     Args:
-        run: Folder of the run.
+        run: Run folder.
         twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
-            states are the counterfactual twins. Nothing is stored then.
+            states are the counterfactual twins. Nothing is stored in that case.
         keep: Do not change the stored diagnosis and the stored answers.
-        answers: File of answers to the set of better vqa --run.
-        questions: Folder of the set that was answered; the folder of the answers if not given.
+        answers: File with answers to the set made by better vqa --run.
+        questions: Folder of the question set that was answered; default: the folder that contains the answers.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import diagnosed
@@ -90,7 +91,7 @@ def _document(
 
 
 def _store(folder: RunFolder, result: RunDiagnosis) -> None:
-    """Store the diagnosis in the folder of the run, or report why that failed."""
+    """Store the diagnosis in the run folder, or report why that failed."""
     from betterbench.diagnosis import stored
 
     with _said_if_not_kept("not stored", stored.stored_path(folder)):
@@ -139,7 +140,7 @@ def _print(
 def _knowledge(
     folder: RunFolder, result: RunDiagnosis, answers: Path, questions: Path | None, *, keep: bool
 ) -> Knowledge:
-    """Compare the answers of a model with the run, and store the comparison for the report."""
+    """Compare a model's answers with the run, and store the comparison for the report."""
     from betterbench.vqa.asking import read_answers
     from betterbench.vqa.dataset import SET_NAME, read_set
     from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge

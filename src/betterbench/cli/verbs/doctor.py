@@ -36,10 +36,10 @@ def doctor_command(
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
     Args:
-        policy: Address of a policy to check (see better list policies).
+        policy: Policy address to check (see better list policies).
         task: Task whose start the policy is shown.
-        condition: Condition of that task; its first training condition if not given.
-        seed: Seed of the trial.
+        condition: That task's condition; its first training condition if not given.
+        seed: Trial seed.
         action_space: Action space of the planned run; the policy's own if not given.
         observation: Observation preset of the planned run: default, official or state_only.
         quality: Render preset: fast, standard or high.

@@ -26,7 +26,7 @@ FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
 """Time from the first steps to the first estimate, and between the first two log lines without any step [s]."""
 
 LOG_EVERY_S = 60.0
-"""Interval of the progress lines where there is no terminal to draw a bar on [s]."""
+"""Interval between progress lines if there is no terminal to draw a bar on [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +34,13 @@ class TrialOptions:
     """Trials and conventions of a run.
 
     Attributes:
-        suite: Suite to take the tasks from (see better list suites); suites of LIBERO and CALVIN run in those worlds.
-        tasks: Tasks to run; all of the suite if none is named.
-        variations: Variations to run; all if none is named.
+        suite: Suite that contains the tasks (see better list suites); LIBERO and CALVIN suites run in those worlds.
+        tasks: Tasks to run; default: all tasks in the suite.
+        variations: Variations to run; default: all.
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: Action space of the policy; ee_delta if not given, and in another world the one in the policy's
+        action_space: The policy's action space; default: ee_delta, and in another world the space given in the policy
             address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
@@ -77,18 +77,17 @@ class WorldOptions:
 
     Attributes:
         protocol: Name of the evaluation protocol in LIBERO.
-        broken_premises: What happens if a scene contradicts the premise of its instruction: refuse stops the run, run
-            continues and notes it in the record.
-        axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
-            is named.
+        broken_premises: What to do if a scene contradicts its instruction's premise: refuse stops the run, run
+            continues and notes the contradiction in the record.
+        axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); default: all.
         variants: In LIBERO-Plus, maximum variants of each task on each axis, evenly spread; all if not given.
-        libero_plus_assets: In LIBERO-Plus, the unzipped assets folder of its authors, for new objects, lights and
-            textures; BETTERBENCH_LIBERO_PLUS_ASSETS if not given.
-        libero_plus_sentences: In LIBERO-Plus, clean for the instruction of the task, published for the instruction with
-            the name of the variant at its end, as used for the published numbers.
+        libero_plus_assets: In LIBERO-Plus, the authors' unzipped assets folder, for new objects, lights and textures;
+            default: BETTERBENCH_LIBERO_PLUS_ASSETS.
+        libero_plus_sentences: In LIBERO-Plus, clean for the task's instruction, published for the instruction with
+            the variant name at its end, as used for the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
-        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it, the configuration of
-            scene D in the checkout is composed.
+        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml from the data set; without it, the configuration
+            of scene D is composed from the checkout.
         calvin_renderer: In CALVIN, the renderer of the images: egl as in CALVIN, tiny for PyBullet's renderer with
             other pixels, or auto for EGL where it starts.
     """
@@ -109,9 +108,10 @@ class RayOptions:
     """Placement of a run on a Ray cluster, with --engine ray.
 
     Attributes:
-        ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
-        replicas: On Ray, copies of a policy that runs inside the run (lerobot:, or one with act_batch); 1 if not given.
-        replica_gpus: GPUs of each copy, or a fraction of one; 1 if the cluster has them, if not given.
+        ray_address: Address of the Ray cluster; default: RAY_ADDRESS, or a local cluster on this machine.
+        replicas: On Ray, number of copies of a policy that runs inside the run (lerobot:, or one with act_batch);
+            default 1.
+        replica_gpus: GPUs per copy, or a fraction of one; default: 1 if the cluster has GPUs.
     """
 
     ray_address: str | None = None
@@ -119,7 +119,7 @@ class RayOptions:
     replica_gpus: float | None = None
 
     def cluster(self) -> Cluster:
-        """Return the cluster on which the run is placed."""
+        """Return the cluster that executes the run."""
         from betterbench.evaluation.ray_engine.cluster import Cluster
 
         return Cluster(self.ray_address, 1 if self.replicas is None else self.replicas, self.replica_gpus)
@@ -148,22 +148,23 @@ def evaluate_command(
     """Evaluate a policy. The same command resumes an unfinished run.
 
     Every variation runs with the same seeds. The training conditions together get as many trials, and the first of them
-    are the counterfactual twins. Trials that no certificate covers are refused (see better certify).
+    are the counterfactual twins. Trials that no certificate covers are rejected (see better certify).
 
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Address of the policy (see better list policies); with --from, a policy other than that of the run.
-        out: Folder of the run; runs/POLICY if not given.
+        policy: Policy address (see better list policies); with --from, a policy other than the one that was run.
+        out: Run folder; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
-        workers: Worker processes; one per processor if not given.
-        envs: Environments of each worker, to hide the policy's latency; chosen by a warm-up if not given.
+        workers: Number of worker processes; default: one per processor.
+        envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
-        policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
-        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        policy_timeout: Deadline for an answer from a python: or lerobot: policy [s]; server addresses have their own
+            deadline.
+        certificate: Certificate written by better certify, or its folder; default: the one that ships with the suite.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run although relevant versions differ.
         trust: With --from or --run-file, allow the file to run code or to send a key that it names.
@@ -207,9 +208,9 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Print the number of trials and the drops that they can show; for a large plan, also a smaller command.
+    """Print the number of trials and the drops that they can show; for a large plan, also print a smaller command.
 
-    ``certified`` are the options about certificates; None if the plan is that of another run.
+    ``certified`` has the certificate options; None if the plan comes from another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -225,7 +226,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command for a small part of a plan, preceded by its number of trials; empty for a small plan."""
+    """Return a command that runs a small part of a plan, preceded by the number of trials; empty for a small plan."""
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -244,7 +245,7 @@ def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequ
 def _plan(
     policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool, trust: bool
 ) -> Plan:
-    """Return the plan of the options, or that of the run to repeat."""
+    """Return the plan that the options describe, or the plan of the run to repeat."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
@@ -271,7 +272,7 @@ def _plan(
 
 
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan of a suite of LIBERO, LIBERO-Plus or CALVIN."""
+    """Return the plan for a LIBERO, LIBERO-Plus or CALVIN suite."""
     from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
@@ -301,7 +302,7 @@ def _changed(world: WorldOptions) -> dict[str, Any]:
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Refuse the first option that the world of the run does not have, and name a world that has it."""
+    """Reject the first option that the run's world does not have, and name a world that has it."""
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed
 
@@ -318,7 +319,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
 
 
 def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
-    """Refuse the first option that is not at its default."""
+    """Reject the first option that is not at its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
             option = f"--{field.name.replace('_', '-')}"
@@ -326,7 +327,7 @@ def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -
 
 
 def _require_certified(plan: Plan, certificate: Path | None) -> None:
-    """Check that a certificate covers every trial of a plan, and print the limits of the certificate."""
+    """Check that a certificate covers every trial in a plan, and print the certificate's limits."""
     from betterbench.certification.refusal import require_certified
 
     remark = require_certified(plan, certificate)
@@ -335,12 +336,12 @@ def _require_certified(plan: Plan, certificate: Path | None) -> None:
 
 
 def default_folder(policy: str) -> str:
-    """Return the default folder of the runs of a policy."""
+    """Return the default folder for a policy's runs."""
     return default_name(policy, otherwise="policy")
 
 
 def prepare_robot(name: str) -> None:
-    """Decimate the meshes of a robot into the cache, with a progress bar; later runs reuse them."""
+    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them."""
     from betterbench.sim.worlds import OWN_WORLD
 
     _prepare(OWN_WORLD, name)
@@ -430,11 +431,11 @@ class _RunLine:
 
 
 def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
-    """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
+    """Run a plan with a progress bar on standard error, after its robot's meshes are ready.
 
     The bar is named after the policy, or has the ``label``.
 
-    The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
+    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per processor by default.
     """
     from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate
@@ -462,7 +463,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print the numbers of successful and broken trials, and the verdicts of a run with ``until_decided``."""
+    """Print the numbers of successful and broken trials, and a run's verdicts with ``until_decided``."""
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -518,7 +519,7 @@ def _print_expert(run: RunFolder) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return the verdicts of a run with ``until_decided`` from its records; None for a run of all trials."""
+    """Return a run's verdicts with ``until_decided`` from its records; None for a run of all trials."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

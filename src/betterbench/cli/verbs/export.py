@@ -1,4 +1,4 @@
-"""``better export``: the outcomes of a run as one file, metrics for a tracker, or a data set for training."""
+"""``better export``: a run's outcomes as one file, metrics for a tracker, or a data set for training."""
 
 from __future__ import annotations
 
@@ -37,38 +37,38 @@ def export_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Export the outcomes of a run, or the demonstrations of runs as a data set for training policies.
+    """Export a run's outcomes, or the demonstrations of runs as a data set for training policies.
 
-    A submission contains the outcome of every planned trial, all versions, and the hash of every record; better compare
-    reads it. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of the successful
-    trials of training conditions, in the layout of a preset. A policy trained on it is evaluated with the same preset.
-    Ctrl-C keeps finished episodes; the same command resumes.
+    A submission contains the outcome of every planned trial, all versions, and every record's hash; better compare
+    reads it. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful trials
+    in training conditions, in a preset's layout. A policy trained on it is evaluated with the same preset. Ctrl-C keeps
+    finished episodes; the same command resumes.
 
     Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
     Args:
-        runs: Folder of the run; several folders for a data set.
-        to: submission; tensorboard or wandb (extras of these names; the settings of wandb, such as WANDB_MODE=offline,
+        runs: Run folder; several folders for a data set.
+        to: submission; tensorboard or wandb (extras with the same names; wandb's settings, such as WANDB_MODE=offline,
             decide what it sends); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for GR00T and
             Being-H) or robomimic (HDF5, extra robomimic).
-        out: File of the submission, NAME.json if not given; folder of the tracker, RUN/TRACKER if not given; folder of
-            the data set, or its file for robomimic.
-        name: Name of the policy; the name that the policy declared if not given.
+        out: Submission file, default NAME.json; tracker folder, default RUN/TRACKER; data set folder, or the data set
+            file for robomimic.
+        name: Policy name; the name that the policy declared if not given.
         project: Project of the tracker wandb.
-        check: Submission or data set to compare with the records of the runs; nothing is written.
+        check: Submission or data set to compare with the runs' records; nothing is written.
         preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
             gr00t_new_embodiment and for robomimic native.
-        tasks: Tasks of the data set; all of the runs if none is named.
+        tasks: Tasks in the data set; default: all tasks of the runs.
         variations: Also export successful trials of test variations. These variations cannot test a policy trained on
             them.
         images: Image format: video (H.264) or png (lossless, six times larger). Images for robomimic are always
             lossless.
-        observation: Observation preset of the evaluation; the first one with the cameras of the layout if not given.
-        quality: Render preset of the images; the preset of the run if not given.
+        observation: Observation preset of the evaluation; default: the first preset with the layout's cameras.
+        quality: Render preset for the images; default: the run's preset.
         validation: Share of the seeds whose episodes are for validation; they come last.
-        language: Also write the language columns, which LeRobot versions before 0.6 refuse.
-        vqa: Set of better vqa about the same run; the questions of this set are written to the language columns.
-        workers: Episodes that are rendered in parallel; one per processor if not given.
+        language: Also write the language columns, which LeRobot versions before 0.6 reject.
+        vqa: Set of better vqa about the same run; this set's questions are written to the language columns.
+        workers: Number of episodes rendered in parallel; default: one per processor.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
     """
@@ -121,7 +121,7 @@ _PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robom
 
 @dataclass(frozen=True, slots=True)
 class _DatasetOptions:
-    """Options of a data set: its frames, and the number of workers that render them."""
+    """Data set options: the frames, and the number of workers that render them."""
 
     preset: str
     tasks: tuple[str, ...]
@@ -204,7 +204,7 @@ def _export_outcomes(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Write a submission, compare one with the run, or write the metrics of the run for a tracker."""
+    """Write a submission, compare one with the run, or write the run metrics for a tracker."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.trackers import write_metrics
     from betterbench.comparison import read_submission, require_same, submission_of

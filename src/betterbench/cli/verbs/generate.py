@@ -25,6 +25,7 @@ def generate_command(
     vocabulary: Literal["library", "open"] = "library",
     replay: Path | None = None,
     key_variable: str = "OPENAI_API_KEY",
+    build: bool = False,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
@@ -48,6 +49,7 @@ def generate_command(
         vocabulary: Objects that a model may use: those of the library, or any.
         replay: File exchanges.jsonl of an earlier run, which answers for the model.
         key_variable: Environment variable with the key of the endpoint.
+        build: Build and certify the tasks in the subfolder "build", with the defaults of better build.
         overwrite: Replace files in the folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
@@ -61,13 +63,18 @@ def generate_command(
             overwrite=overwrite,
             on_progress=lambda done, _: bar.update(shown, completed=done),
         )
-    _tell(made, out, json=json)
+    if not (build and json):
+        _tell(made, out, json=json)
     if not made.scenarios:
         first = made.refused[0]
         cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
         raise InvalidInputError(
             "better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure
         )
+    if build:
+        from betterbench.cli.verbs.build import build_command
+
+        build_command((out,), out=out / "build", overwrite=overwrite, json=json)
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:

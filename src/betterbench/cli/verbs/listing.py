@@ -89,7 +89,7 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 
 
 def _suites() -> list[list[str]]:
-    """Return the suites of all worlds, and whether the simulator of each is installed."""
+    """Return the suites of all worlds, and whether each world's simulator is installed."""
     from betterbench.sim.worlds import all_worlds
 
     return [

@@ -38,12 +38,13 @@ def materialize_command(
     """Write colors, depth, masks, boxes and optical flow of every recorded state as seekable files.
 
     Only the records and scenes of the run are read. Intact files are kept, so the same command resumes; missing and
-    damaged files are rendered again. The files are byte-identical whatever the interruptions and the number of workers.
+    damaged files are rendered again. The files are byte-identical regardless of interruptions and of the number of
+    workers.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
     Args:
-        run: Folder of a run.
+        run: Run folder.
         camera: Camera to render: NAME, NAME:SIZE, NAME:WIDTHxHEIGHT, or a new camera as
             NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position and target in meters, degrees); may be given several times. The
             views of the run's policy if none is given.
@@ -109,7 +110,7 @@ def _trial(text: str) -> TrialId:
 
 
 def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
-    """Check a folder of modalities against the records of a run; raise RecordError about missing or wrong files."""
+    """Check a folder of modalities against a run's records; raise RecordError about missing or wrong files."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
     from betterbench.statistics.wording import plural
@@ -158,7 +159,7 @@ def _some(texts: Sequence[str]) -> str:
 
 
 def _command(run: Path, place: Path, wanted: Wanted, trials: Sequence[TrialId]) -> str:
-    """Return the command that completes a folder, with the options that the folder was made with."""
+    """Return the command that completes a folder, with the options used to create it."""
     from betterbench.records.modalities.spec import MODALITIES
 
     words = ["better", "materialize", str(run)]

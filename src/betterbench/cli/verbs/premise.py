@@ -1,4 +1,4 @@
-"""``better premise``: check of the premises of instructions in the scenes of LIBERO and LIBERO-Plus."""
+"""``better premise``: check the premises of instructions in LIBERO and LIBERO-Plus scenes."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def premise_command(
 ) -> None:
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
-    Each state settles as in a run. LIBERO then evaluates every relation in the task's file between an object of
-    the instruction and another object, because an update of the simulator can break scenes. A task takes about half a
-    minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the one state
-    that they are run from, if their assets are installed (a few seconds each).
+    Each state settles as in a run. LIBERO then evaluates every relation in the task file between an object named in the
+    instruction and another object, because a simulator update can break scenes. A task takes about half a minute; the
+    same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the single state from
+    which they run, if their assets are installed (a few seconds each).
 
     Example: better premise libero --suites libero_spatial
 
     Args:
         world: libero, or libero_plus.
-        suites: The suites to check; spatial, object, goal and 10 of the world if none is named.
+        suites: The suites to check; default: the world's spatial, object, goal and 10 suites.
         out: File of JSON lines for the results; premises-libero.jsonl, or premises-libero_plus.jsonl, if not given.
         overwrite: Replace a file at --out that contains other data.
         json: Print one JSON document instead of a table.

@@ -37,14 +37,14 @@ def recipe_command(
 
     Args:
         framework: Training framework.
-        recipe: Name of a recipe of the paper, or a YAML file.
+        recipe: Name of a recipe from the paper, or a YAML file.
         data: Folder of the data set, here or on the training machine; several for Being-H.
         out: Folder to write; if not given, the fields are printed.
         gpus: Number of GPUs.
         weights: Initial weights; the framework's published weights if not given.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
         sample_tokens: Number of tokens per sample, from which Being-H packs its sequences.
-        overwrite: Write to a folder that better recipe did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better recipe did not make, and replace files with the same names there.
         json: Print one JSON document instead of a table.
     """
     from betterbench.demonstrations.recipes import setup_files, trainer_setup, write_setup

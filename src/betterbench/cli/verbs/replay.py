@@ -30,17 +30,17 @@ def replay_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Simulate the actions of a record again and compare every state, or write a video of it, alone or beside its twin.
+    """Replay a record's actions and compare every state, or write a video of the record, alone or next to its twin.
 
     Example: better replay runs/expert/records/fast_food/T1/0.parquet --check
 
     Args:
-        record: File of the record, in the folder of its run.
-        twin: Render the trial beside its training twin, with instructions, clock, labels and the gripper's path.
+        record: Record file, in its run's folder.
+        twin: Render the trial next to its training twin, with instructions, clock, labels and the gripper's path.
         check: Simulate again and compare all recorded results, instead of writing a video.
-        out: Video file to write; a file in the folder of the run if not given.
+        out: Video file to write; a file in the run folder if not given.
         camera: Camera of the video.
-        size: Side of the video in pixels, or of each half with --twin; 512, or 384 with --twin, if not given.
+        size: Side length of the video in pixels, or of each half with --twin; default 512, or 384 with --twin.
         overwrite: Replace a file that better replay did not write.
         json: Print the result of --check as one JSON document.
     """
@@ -69,7 +69,7 @@ def replay_command(
 
 
 def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
-    """Return the run of a record and the metadata of the record; RecordError if the record is outside a run."""
+    """Return the run of a record and the record metadata; RecordError if the record is outside a run."""
     from betterbench.records import RunFolder, read_record
 
     meta = read_record(record).metadata

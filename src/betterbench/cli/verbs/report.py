@@ -22,18 +22,18 @@ def report_command(
 ) -> None:
     """Write one self-contained HTML page, and its tables as CSV and LaTeX in the same folder.
 
-    An unfinished run can be reported too: the page says how many trials are done and counts only those.
+    An unfinished run can be reported too: the page says how many trials are done and counts only those trials.
 
     Example: better report runs/expert
 
     Args:
-        run: Folder of a run; several are compared on one page.
-        name: Name of a run on the page, once per run and in their order; that of its policy if not given.
+        run: Run folder; several are compared on one page.
+        name: Run names on the page, one per run, in order; default: the policy names.
         twins: For runs in LIBERO-PRO: run of the base suite by the same policy, once per run and in their order.
-        out: Folder of the report; RUN/report if not given.
+        out: Report folder; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Maximum number of trials shown as films; other failures get one image. 0 renders nothing.
-        overwrite: Write to a folder that better report did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better report did not make, and replace files with the same names there.
     """
     from betterbench.api.report import report_into
     from betterbench.cli.output.page import LISTENER, print_verdicts

@@ -1,4 +1,4 @@
-"""``better review``: review of imported meshes by a person in the browser, and the agreement of two reviewers."""
+"""``better review``: human review of imported meshes in the browser, and the agreement between two reviewers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def review_command(
     Args:
         given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or agree and two
             review files.
-        author: Name of the reviewer in the file; the user's name if not given.
+        author: Reviewer name in the file; the user's name if not given.
         out: File to which decisions are appended.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
         port: Port to listen on; 0 for any free one.

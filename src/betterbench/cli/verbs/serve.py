@@ -39,23 +39,24 @@ def serve_command(
     """Serve a policy with the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
 
     An expert needs privileged state, so the server runs a shadow simulation of its client's scene. Clients of
-    betterbench name their trial. For other clients, the trial is that of --task, --condition and --seed. If no task is
+    betterbench name their trial. For other clients, --task, --condition and --seed give the trial. If no task is
     given, it is the first training condition whose instruction equals the client's prompt.
 
     Example: better serve expert --port 8000
 
     Args:
-        policy: Address of the policy (see better list policies).
+        policy: Policy address (see better list policies).
         host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free one.
-        chunk: Number of actions in one answer of an expert; 8 if not given.
-        layout: Preset in which an expert reads requests and answers, to test a client or an adapter; native and
-            openpi_libero if not given.
-        batch: Maximum number of observations in one call of act_batch, for policies that implement it; 16 if not given.
-        clients: Maximum number of simultaneous clients; 128 if not given. Further clients are refused until one leaves.
+        chunk: Number of actions per expert answer; default 8.
+        layout: Preset in which an expert reads requests and answers them, to test a client or an adapter; default:
+            native and openpi_libero.
+        batch: Maximum number of observations per act_batch call, for policies that implement it; default 16.
+        clients: Maximum number of simultaneous clients; 128 if not given. Further clients are rejected until one
+            leaves.
         task: Task of clients that do not name one.
-        condition: Condition of that task; its first training condition if not given.
-        seed: Seed of that trial; 0 if not given.
+        condition: That task's condition; its first training condition if not given.
+        seed: That trial's seed; 0 if not given.
         api_key_env: Environment variable with the key that clients must send.
     """
     from betterbench.evaluation import open_server
@@ -147,7 +148,7 @@ def _key(name: str | None) -> str | None:
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """Log connections of clients inside the context, unless only errors are to be logged."""
+    """Log client connections inside the context, unless only errors are to be logged."""
     ours = logging.getLogger("betterbench.policies.serving.server")
     before = ours.level
     if ours.getEffectiveLevel() <= logging.WARNING:

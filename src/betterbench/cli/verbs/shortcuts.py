@@ -1,4 +1,4 @@
-"""``better shortcuts``: shortcuts that a dataset offers, and the variations that a learner would then fail."""
+"""``better shortcuts``: shortcuts in a dataset, and the variations that a learner would fail because of them."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ def shortcuts_command(
 ) -> None:
     """Find associations in demonstrations beyond chance: of words and objects with positions, steps and targets.
 
-    For a run, the states of each record give the start of each object, the objects that were picked, their placements,
-    and the variety of the demonstrations. For a LeRobot dataset (2.0 to 3.0), instructions, actions and proprioception
-    are read. Words, pairs of words and whole instructions are tested against four facts: where the gripper first
-    closes, where it last opens, its first direction, and the order of its targets. The audit first prints how the data
-    were read. Columns whose meaning the names do not show must be given by --instruction, --gripper, --place and
-    --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
+    For a run, the states in each record give each object's start, the objects that were picked, their placements, and
+    the variety of the demonstrations. For a LeRobot dataset (2.0 to 3.0), instructions, actions and proprioception are
+    read. Words, word pairs and complete instructions are tested against four facts: where the gripper first closes,
+    where it last opens, its first direction, and the order of its targets. The audit first prints how the data were
+    read. Columns whose meaning the names do not show must be given by --instruction, --gripper, --place and --closed
+    (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
 
-    For runs, each rule is compared with the variations: a variation that breaks a rule distinguishes a policy that
-    understands the instruction from one that follows the rule. This gives a prediction: the variations ranked by how
-    likely a learner of this dataset fails them, with the expected label.
+    For runs, each rule is compared with the variations: a variation that breaks a rule tells apart a policy that
+    understands the instruction and a policy that follows the rule. This gives a prediction: the variations ranked by
+    how likely a learner of this dataset fails them, with the expected label.
 
     Example: better shortcuts runs/demonstrations --out audit
 
     Args:
-        data: Folder of a run, or of a LeRobot dataset.
-        instruction: Column with the instructions of a LeRobot dataset: a column of frames (texts, or task numbers), or
-            of meta/tasks.
-        gripper: Component with the opening of the gripper, such as action:gripper; one per arm.
-        place: Components of the gripper's position, x first, such as observation.state[0,1,2]; one set for each
+        data: Folder of a run or a LeRobot dataset.
+        instruction: Column with the instructions in a LeRobot dataset: a frame column (texts, or task numbers), or a
+            column of meta/tasks.
+        gripper: Component with the gripper opening, such as action:gripper; one per arm.
+        place: Components of the gripper position, x first, such as observation.state[0,1,2]; one set for each
             --gripper, in the same order. A leading + sums up steps.
-        closed: End of the gripper's range that means closed; auto infers it from names and values, or requests it.
+        closed: End of the gripper's range that means closed; auto infers it from names and values, or asks you for it.
         seed: Seed of the sample taken from more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
-        overwrite: Write to a folder that better shortcuts did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
         json: Print the audit as one JSON document.
     """
     from betterbench.jobs.outputs import OutputFolder
@@ -113,7 +113,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts of the demonstrations, the hash of the set if it is a run, and how they were read."""
+    """Return the facts of the demonstrations, the set hash if it is a run, and how they were read."""
     from betterbench.demonstrations.making.production import set_hash
     from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
     from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
@@ -142,12 +142,12 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
 
 
 def _run_in(data: Path) -> Path:
-    """Return the folder of the run in a folder of better dataset, or the folder itself."""
+    """Return the run folder in a folder of better dataset, or the folder itself."""
     return data / "demonstrations" if (data / "recipe.json").exists() else data
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return the variety of the demonstrations of a run; None for a LeRobot dataset, whose objects are not known."""
+    """Return the variety of a run's demonstrations; None for a LeRobot dataset, whose objects are not known."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 

@@ -1,4 +1,4 @@
-"""``better show``: a training scene beside a test scene."""
+"""``better show``: a training scene next to a test scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def show_command(
     size: int = 512,
     overwrite: bool = False,
 ) -> None:
-    """Draw a training scene beside the test scene of the same seed, with the changes outlined.
+    """Draw a training scene next to the test scene with the same seed, and outline the changes.
 
     Example: better show fast_food/T1 --out t1.png
 

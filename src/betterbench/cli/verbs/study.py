@@ -1,4 +1,4 @@
-"""``better study``: small policies trained and evaluated on every arm of a study, with one page of results."""
+"""``better study``: train and evaluate small policies on every arm of a study, and write one results page."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def study_command(
 
     For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
     training conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much
-    of it balancing removes, and the accuracy of the audit's prediction. Ctrl-C keeps finished work; the same command
-    resumes, also with a larger plan.
+    of the gap balancing removes, and how accurate the audit's prediction was. Ctrl-C keeps finished work; the same
+    command resumes, also with a larger plan.
 
     Example: better study --preset small --out studies/small
 
     Args:
         plan: YAML file with tasks, arms, seeds and recipe.
-        out: Folder of the study.
+        out: Study folder.
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
         suite: Packaged suite, or folder with a suite in JSON, whose tasks replace those of the plan.
         workers: Worker processes for demonstrations and trials; one per processor if not given.

@@ -33,11 +33,11 @@ def teleop_command(
     leader_port: str = "",
     leader_id: str = "leader",
 ) -> None:
-    """Demonstrate in the browser: drag the gripper, undo to the last subgoal, and save into the folder of a run.
+    """Demonstrate in the browser: drag the gripper, undo to the last subgoal, and save into a run's folder.
 
     The page shows the scene, the camera images, the instruction and the subgoals. The gripper follows the gizmo, keys,
     a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Only saved demonstrations are
-    written, as ordinary records with their segments and the name of the demonstrator. The command needs no display and
+    written, as ordinary records with their segments and the demonstrator name. The command needs no display and
     listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed
     address contains a token that every request needs. Ctrl-C keeps saved demonstrations; the same command resumes, and
     a larger --demos adds more demonstrations.
@@ -45,12 +45,12 @@ def teleop_command(
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
 
     Args:
-        out: Folder of the run.
+        out: Run folder.
         tasks: Tasks to demonstrate.
-        condition: The one training condition to demonstrate; all if not given.
+        condition: The only training condition to demonstrate; default: all.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
-        name: Name of the demonstrator in the records; the user's name if not given.
+        name: Demonstrator name in the records; the user's name if not given.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
         port: Port to listen on; 0 for any free one.
         cameras: Cameras whose images are shown; no images with --cameras none.

@@ -47,8 +47,8 @@ def train_command(
         seed: Random seed; overrides the recipe.
         steps: Number of training steps; overrides the recipe.
         device: Device of torch: cpu, cuda or cuda:N.
-        frames: Folder of the rendered frames for a learner from images; if not given, NAME.frames next to each folder
-            of data.
+        frames: Folder with the rendered frames for a learner that uses images; default: NAME.frames next to each data
+            folder.
         workers: Processes that render the frames.
         json: Print one JSON document instead of a table.
     """

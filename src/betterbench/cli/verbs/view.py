@@ -30,13 +30,13 @@ def view_command(
 ) -> None:
     """Write a recorded trial with film, masks, boxes, contacts and subgoals on one timeline.
 
-    A file name ending in .html gives a page for any browser; .rrd gives a file for the viewer of Rerun (extra view),
-    which also shows depth and 3-D boxes.
+    A file name ending in .html gives a page for any browser; .rrd gives a file for the Rerun viewer (extra view), which
+    also shows depth and 3-D boxes.
 
     Example: better view runs/expert/records/fast_food/T1/0.parquet --out t1.html
 
     Args:
-        record: File of the record, in the folder of its run.
+        record: Record file, in its run's folder.
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
         camera: View to draw, as better materialize takes it; may be given several times. The views of the run's policy
             if none is given.

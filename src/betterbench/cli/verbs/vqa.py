@@ -22,7 +22,7 @@ QuestionTypes = Literal["grounding", "counting", "relation", "containment", "sta
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """Frames, cameras and types of the questions of a set.
+    """Frames, cameras and types of a set's questions.
 
     Attributes:
         questions: Approximate number of questions; 0 for as many as can be balanced.
@@ -32,7 +32,7 @@ class FrameOptions:
         quality: Render preset of the images (shadows and antialiasing).
         types: Types of question; all if not given.
         tasks: Tasks whose trials the questions are about; all if not given.
-        seed: Seed of the choice of frames, questions and phrasing.
+        seed: Seed for choosing frames, questions and phrasings.
         failures_only: With --run, leave out the trials that succeeded.
     """
 
@@ -56,7 +56,7 @@ class FrameOptions:
         return SetOptions(*frames, quality=self.quality, seed=self.seed, types=types, tasks=self.tasks)
 
     def decisive(self) -> DecisiveOptions:
-        """Return the options of a set about decisive moments."""
+        """Return the options for a set about decisive moments."""
         from betterbench.vqa.decisive import DecisiveOptions
 
         return DecisiveOptions(self.cameras, self.size, self.quality, self.seed, self.tasks, self.failures_only)
@@ -67,16 +67,16 @@ class ModelOptions:
     """A model that answers or describes a set.
 
     Attributes:
-        ask: Base address of a chat endpoint with OpenAI's protocol that answers the whole set, such as
+        ask: Base address of a chat endpoint with OpenAI's protocol that answers the complete set, such as
             http://localhost:8000/v1.
-        describe: Base address of an endpoint that writes descriptions and questions about images of the set. Statements
+        describe: Base address of an endpoint that writes descriptions and questions about the set's images. Statements
             that the state does not prove are dropped.
         images: Number of images to describe.
-        model: Name of the model at that address.
+        model: Model name at that address.
         coordinates: Meaning of the numbers in the model's boxes and points.
         at_once: Number of simultaneous requests.
         answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), otherwise read and scored.
-        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT). It is asked for the
+        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT). The question is the
             position of the object that the instruction names.
         key_variable: Environment variable with the key of the endpoint.
     """
@@ -108,7 +108,7 @@ def vqa_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make questions about the frames of a run, answered from its records and balanced against blind guessing.
+    """Make questions about a run's frames, answered from its records and balanced against blind guessing.
 
     The questions are about boxes, counts, relations, containment, stacks, states, progress and presence of objects.
     They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run, the
@@ -155,7 +155,7 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the chosen set, made if it does not exist, and the folder of its run if known."""
+    """Return the chosen set, made if it does not exist, and its run's folder if known."""
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 

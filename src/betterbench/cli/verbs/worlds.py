@@ -18,7 +18,7 @@ def worlds_command(
 ) -> None:
     """List the worlds with a separate simulator, or install one of these simulators into its own environment.
 
-    Packages are pinned by hash and installed in the user's cache; the environment of betterbench does not change.
+    Packages are pinned by hash and installed in the user's cache; betterbench's environment does not change.
 
     Example: better worlds install libero
 

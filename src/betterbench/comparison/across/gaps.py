@@ -25,13 +25,13 @@ class WorldGap:
 
     Attributes:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
-        change: Name of the change ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in betterbench's
-            own suite.
+        change: Name of the change ("swap", "resampled"), or the LIBERO-Plus axis; "all variations" in betterbench's own
+            suite.
         base: Success rate without the change, or the share of subtasks solved in a row.
         changed: The same rate with the change.
         pairs: Number of trials that were run with and without the change.
         difference: ``base - changed`` as a fraction, with its interval.
-        p_value: p-value of the paired test, Holm-corrected over the gaps of the policy; None if there is only an
+        p_value: p-value of the paired test, Holm-corrected over the policy's gaps; None if there is only an
             interval (CALVIN's average length).
     """
 
@@ -51,9 +51,9 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return all gaps of each policy that its runs allow, in the order of the runs.
+    """Return all gaps that each policy's runs allow, in run order.
 
-    A gap in LIBERO-PRO needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
+    A LIBERO-PRO gap needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
     and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
 
     Raises:
@@ -96,7 +96,7 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    """Return the gap of every axis of LIBERO-Plus; all variants of a task share the base suite's trial."""
+    """Return the gap of every LIBERO-Plus axis; all variants of a task share the base suite's trial."""
     pairs: dict[str, list[tuple[InitialState, bool]]] = {}
     for (name, seed), success in sorted(run.successes.items()):
         task, _, condition = name.partition("/")

@@ -1,4 +1,4 @@
-"""Outcomes of runs in one suite of one world. Every planned trial counts; unfinished trials are failures."""
+"""Run outcomes in one suite of one world. Every planned trial counts; unfinished trials are failures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.tasks.worlds.facts import OUR_SUITE
 from betterbench.tasks.worlds.libero import PLUS_SUITES
 
 OURS = OUR_SUITE
-"""Name of the suite of a run in betterbench's own scenes."""
+"""Suite name for a run in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
 """Task and seed, the number of the initial state. Twins and policies share it.
@@ -31,10 +31,10 @@ class SuiteRun:
     """One policy in one suite.
 
     Attributes:
-        policy: Name of the policy; runs of the same name are one policy.
-        base: The suite from which this suite is derived by a change, or its own name.
+        policy: Policy name; runs of the same name are one policy.
+        base: The suite that a change turned into this suite, or this suite's own name.
         change: The change ("swap", "resampled"), or None.
-        protocol: The community's protocol under which it was run; empty for betterbench's own suite.
+        protocol: The community's protocol used for the run; empty for betterbench's own suite.
         versions: Versions of the world's packages; numbers from different versions are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
@@ -71,7 +71,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: Name of each run's policy; runs of the same name are rows of one policy. Default: the declared name of
+        names: Name of each run's policy; runs with the same name share one policy's row. Default: the declared name of
             the policy.
 
     Raises:
@@ -149,7 +149,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return the result of a chain from its record; without a record, the chain counts as not run.
+    """Return a chain's result from its record; a chain without a record counts as not run.
 
     Raises:
         RecordError: If the record has other subtasks.

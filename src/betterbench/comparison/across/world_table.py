@@ -1,4 +1,4 @@
-"""Table 4 of the paper from runs: four suites of LIBERO and their average, five rates and average length of CALVIN."""
+"""The paper's Table 4 from runs: four LIBERO suites and their average, CALVIN's five rates and average length."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ class WorldContrast:
     """Two policies in one suite of LIBERO, on the same initial states.
 
     Attributes:
-        suite: Name of the suite; "average" for all four together.
+        suite: Suite name; "average" for all four together.
         pairs: Number of initial states that both policies ran.
-        p_value: Exact McNemar test, after Holm's correction over the suites of the pair of policies.
+        p_value: Exact McNemar test, after Holm's correction over the policy pair's suites.
     """
 
     first: str
@@ -86,8 +86,8 @@ class WorldTable:
     """The table with comparisons of its rows.
 
     Attributes:
-        contrasts: Comparisons of pairs of policies in LIBERO.
-        chain_contrasts: Comparisons of pairs of policies in CALVIN, with their names.
+        contrasts: Comparisons between policy pairs in LIBERO.
+        chain_contrasts: Comparisons between policy pairs in CALVIN, with their names.
         notes: Limits of the numbers.
     """
 
@@ -110,11 +110,11 @@ class WorldTable:
 
 
 def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> WorldTable:
-    """Return the table of all policies, in the order of their runs.
+    """Return the table of all policies, in run order.
 
     Raises:
-        RunConflictError: If two runs of the same suite used different protocols or versions of their world, and mixing
-            is not allowed.
+        RunConflictError: If two runs of the same suite used different protocols or world versions, and mixing is not
+            allowed.
     """
     notes = [*_clashes(runs, allow_mixed=allow_mixed), *_limits(runs)]
     policies = list(dict.fromkeys(run.policy for run in runs))

@@ -1,4 +1,4 @@
-"""Export: demonstrations of runs as data sets for training policies, in the layout of a policy's preset.
+"""Export: demonstrations from runs as data sets for policy training, in the layout of a policy's preset.
 
 - ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes, and their columns.
 - ``lerobot``, ``lerobot_v21``, ``robomimic``, ``video``, ``language``, ``card``: the formats.

@@ -24,13 +24,14 @@ JOINTS = 7
 
 
 def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
-    """Return the actions of a record in an action space, (n_steps, dim) float64.
+    """Return a record's actions in an action space, (n_steps, dim) float64.
 
     In the action space of the record, these are exactly the intended actions: the applied ones, without the noise that
     a demonstrator added. In another action space they are computed from the commands to the controller, which every
     record
-    contains: the joint references at the end of each control step, or the corresponding pose. A delta is the step from
-    the sum of all earlier deltas, so a delta compensates for clipping of the previous one. Noise is removed from poses.
+    contains: the joint references at the end of each control step, or the corresponding pose. A delta is measured from
+        the sum of all earlier deltas, so a delta compensates for clipping of the previous one. Noise is removed from
+        poses.
     It stays in joint references, because the controller's response to another pose is not recorded.
 
     Raises:
@@ -59,7 +60,7 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 
 
 def _noise(record: Record) -> float:
-    """Return the standard deviation of the noise on the executed actions of a record, in action units."""
+    """Return the standard deviation of the noise on a record's executed actions, in action units."""
     demonstrator = record.metadata.demonstrator
     return 0.0 if demonstrator is None else demonstrator.action_noise
 

@@ -35,7 +35,7 @@ class ExportCheck:
     """Result of a check, which covers the list in ``docs/export.md`` and three images per episode and camera.
 
     Attributes:
-        worst_error: Largest mean error of an image, in levels of 255; 0 for lossless images.
+        worst_error: Largest mean image error, in levels of 255; 0 for lossless images.
     """
 
     episodes: int
@@ -45,13 +45,13 @@ class ExportCheck:
 
 
 def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
-    """Compare a data set with the records of its runs.
+    """Compare a data set with its runs' records.
 
     ``on_progress`` is called with the number of episodes done and planned.
 
     Raises:
         InvalidInputError: If a file of the data set is missing, cannot be read or differs from the record.
-        RecordError: If no run has the record of an episode, or the record is damaged.
+        RecordError: If no run has an episode's record, or the record is damaged.
     """
     source = _source(path)
     layout = layout_of(source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"])
@@ -91,7 +91,7 @@ def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[Le
 
 
 def _shown(drawn: Pictures, run: RunFolder, record: Record, layout: DatasetLayout) -> dict[int, dict[str, np.ndarray]]:
-    """Render the images of three frames of an episode again, and return them by row and column."""
+    """Render three frames of an episode again, and return the images by row and column."""
     rows = sorted({0, record.n_steps // 2, record.n_steps - 1}) if layout.images else []
     images = shown_images(record, layout, drawn.of(run, record, rows), rows) if rows else ()
     return dict(zip(rows, images, strict=True))
@@ -124,7 +124,7 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return the description of the origin of an episode."""
+    """Return the description of an episode's origin."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
@@ -132,8 +132,8 @@ def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
     """Compare the description of the origin with records and layout.
 
-    The trials left out, the version of the package, the evaluation command, the digest of the options and the lengths
-    of files cannot be derived from them. The digests of files are compared afterward.
+    The omitted trials, the package version, the evaluation command, the options digest and the file sizes cannot be
+    derived from them. The digests of files are compared afterward.
     """
     wanted = origin_of(
         expected.dataset.episodes,
@@ -172,7 +172,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
 
 
 def _source(path: Path) -> dict[str, Any]:
-    """Return the stored description of the origin of a data set."""
+    """Return the stored origin of a data set."""
     try:
         source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]
@@ -194,7 +194,7 @@ def _source(path: Path) -> dict[str, Any]:
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the index of the run with an episode's record, and its trial."""
+    """Return the run index with an episode's record, and its trial."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)
@@ -207,7 +207,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean error of an image in levels; infinite if it is missing or of another size."""
+    """Return the mean image error in levels; infinite if the image is missing or has another size."""
     if there is None or there.shape != wanted.shape:
         return float("inf")
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

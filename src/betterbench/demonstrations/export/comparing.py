@@ -27,7 +27,7 @@ _CLOSE = 1e-9
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Maximum characters of a field's name in a message; names come from external files."""
+"""Maximum number of characters of a field name in a message; names come from external files."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:

@@ -1,4 +1,4 @@
-"""Episodes of a data set in order, and its description, as input of the writers of all formats."""
+"""Episodes of a data set in order, and the data set's description, as input for the writers of all formats."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FrameQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DatasetEpisode:
-    """One episode of a data set: the folder of its part, its description, and the digest of its record."""
+    """One episode of a data set: its part's folder, its description, and its record's digest."""
 
     folder: Path
     about: Mapping[str, Any]
@@ -37,11 +37,11 @@ class DatasetEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Episodes of a data set in their order, with the layout and format in which they are written.
+    """Episodes of a data set in order, with the layout and format in which they are written.
 
     Attributes:
         train: Number of training episodes, which come first; the others are for validation.
-        language: Whether LeRobot's language columns are written.
+        language: Whether to write LeRobot's language columns.
         source: Description of the origin: runs, versions, trials left out, the command to evaluate.
     """
 
@@ -55,7 +55,7 @@ class Dataset:
 
     @property
     def frames(self) -> int:
-        """Number of frames of all episodes."""
+        """Total number of frames in all episodes."""
         return sum(map(len, self.episodes))
 
     @property
@@ -69,7 +69,7 @@ class Dataset:
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:
-        """Yield the content of each episode; raise RecordError if one was damaged after it was made."""
+        """Yield each episode's content; raise RecordError if one was damaged after it was made."""
         for episode in self.episodes:
             part = read_part(episode.folder, self.layout)
             if part is None:
@@ -85,7 +85,7 @@ def splits(dataset: Dataset) -> dict[str, str]:
 
 
 def starts(episodes: Sequence[DatasetEpisode]) -> list[int]:
-    """Return the index of the first frame of each episode in the data set."""
+    """Return the index of each episode's first frame in the data set."""
     found, begun = [], 0
     for episode in episodes:
         found.append(begun)

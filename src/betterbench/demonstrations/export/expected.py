@@ -1,4 +1,4 @@
-"""Expected content of a data set, computed from its records as by the writers, for the check of an export."""
+"""Expected content of a data set, computed from its records in the same way as by the writers, to check an export."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ExpectedDataset:
         return part
 
     def first(self, number: int) -> int:
-        """Return the index of the first frame of an episode."""
+        """Return the index of an episode's first frame."""
         return self._first[number]
 
     def divided(self, train: int, where: str, said: str) -> Dataset:
@@ -71,15 +71,15 @@ class ExpectedDataset:
         return replace(self.dataset, train=train)
 
     def episode_stats(self, part: Part) -> dict[str, Stats]:
-        """Return the statistics of the last episode, with placeholders for those of images."""
+        """Return the last episode's statistics, with placeholders for image statistics."""
         return self._open(episode_stats(self.dataset, part, self._counted))
 
     def stats(self) -> dict[str, Stats]:
-        """Return the statistics of all episodes, with placeholders for those of images."""
+        """Return the statistics over all episodes, with placeholders for image statistics."""
         return self._open(self._totals.stats())
 
     def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
-        """Return statistics with placeholders for the levels of images, of which only form and count are known."""
+        """Return statistics with placeholders for image levels, of which only shape and count are known."""
         levels: Any = [[[LEVEL]]] * 3
         opened = {
             name: {what: value if what == "count" else levels for what, value in stats[name].items()}

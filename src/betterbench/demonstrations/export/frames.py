@@ -17,7 +17,7 @@ from betterbench.records import Record, subgoal_segments
 from betterbench.tasks.interventions import resolve_condition
 
 DONE = "done"
-"""Name of the subgoal of frames after the last subgoal is met."""
+"""Subgoal name for frames after the last subgoal is met."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class Numbers:
 
 
 def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
-    """Return the numbers of all frames; the last state is left out, because no action follows it.
+    """Return the numbers for all frames; the last state is left out, because no action follows it.
 
     Raises InvalidInputError if the record's motion cannot be expressed in the preset's action space.
     """
@@ -64,7 +64,7 @@ def shown_images(
     pictures: Iterator[Mapping[str, np.ndarray]],
     rows: Collection[int] | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the policy's images of some frames by column, of all if None, from the cameras' images at each frame."""
+    """Yield the policy's images for some or all frames by column, from the camera images at each frame."""
     observed = (o for o in _observations(record) if rows is None or o.step in rows)
     for seen, views in zip(observed, pictures, strict=True):
         by_key = layout.adapter.images(replace(seen, images=views))
@@ -73,9 +73,9 @@ def shown_images(
 
 
 def active_subgoals(record: Record) -> tuple[str, ...]:
-    """Return for each frame the subgoal of its segment in words ("pack burger"), finally :data:`DONE`.
+    """Return for each frame the subgoal of its segment in words ("pack burger"); at the end :data:`DONE`.
 
-    The segments are those of the record, or derived from it like those of demonstrations.
+    The segments come from the record, or are derived from the record as for demonstrations.
 
     Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
     """

@@ -47,7 +47,7 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of the content of an export, changed when the same records give other frames."""
+"""Version of an export's content, changed when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
 """File of a data set that describes its origin."""
@@ -62,11 +62,11 @@ class ExportPlan:
     Attributes:
         out: Folder of the data set, or its file for robomimic.
         form: Storage of images; robomimic's are always lossless.
-        quality: Render preset; that of the runs if None.
+        quality: Render preset; None for the runs' preset.
         validation: Share of the seeds whose episodes are for validation.
-        language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
-        questions: Folder of a set of questions about the frames, or None.
-        overwrite: Whether another data set of betterbench, or for robomimic any other file, is replaced.
+        language: Whether to write LeRobot's language columns, which LeRobot 0.6 and newer read.
+        questions: Folder with a set of questions about the frames, or None.
+        overwrite: Whether to replace another data set of betterbench, or for robomimic any other file.
     """
 
     runs: Sequence[RunFolder]
@@ -84,7 +84,7 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """Result of an export: path of the data set, and its number of episodes, frames and bytes."""
+    """Result of an export: the data set's path, and its number of episodes, frames and bytes."""
 
     path: Path
     episodes: int
@@ -163,7 +163,7 @@ def _quality(plan: ExportPlan) -> str:
 
 
 def _identity(plan: ExportPlan, quality: str) -> str:
-    """Return a digest of all inputs that determine the bytes of a data set."""
+    """Return a digest of all inputs that determine a data set's bytes."""
     form = {
         "version": EXPORT_VERSION,
         "to": plan.to,
@@ -185,7 +185,7 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the ids of the twin pairs of each demonstration, by the index of its run and its trial.
+    """Return the twin pair ids of each demonstration, by its run's index and its trial.
 
     Runs without twins have none.
     """
@@ -200,7 +200,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings, besides its record, that determine the frames of an episode."""
+    """Return the settings that, together with the record, determine an episode's frames."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -218,7 +218,7 @@ def _remove_leftover(staging: Path) -> None:
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the place; raise RunConflictError if other files are there."""
+    """Return the finished data set at the destination; raise RunConflictError if other files are there."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -264,7 +264,7 @@ def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
-    """Return the stored description of the origin of a data set."""
+    """Return the stored origin of a data set."""
     if to == "robomimic":
         from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
@@ -342,7 +342,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
-    """Return the data set of the parts, training episodes first, with the description of the origin."""
+    """Return the data set assembled from the parts, training episodes first, with its origin."""
     shown = plan.selection.demonstrations
     asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
@@ -367,7 +367,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the seeds of the validation episodes: whole seeds, because conditions share their layouts.
+    """Return the seeds of the validation episodes: complete seeds, because conditions share their layouts.
 
     At least one seed is left for training.
     """
@@ -384,7 +384,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return the stored description of the origin of a data set, without the lengths of its files."""
+    """Return the stored origin of a data set, without file sizes."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,
@@ -405,8 +405,8 @@ def origin_of(
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
     """Return whether some trials may be split in an export with the first ``train`` for training.
 
-    This is the case if some validation share (which is not stored) gives this split. Whole seeds are held out and come
-    last.
+    This is the case if some validation share (which is not stored) gives this split. Complete seeds are held out and
+    come last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -418,7 +418,7 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
     """Return the command that evaluates a policy trained on a layout, without the policy's address.
 
-    It evaluates the whole suite if all its tasks are demonstrated, and otherwise a few trials of the tasks.
+    It evaluates the full suite if all its tasks are demonstrated, and otherwise a few trials of the demonstrated tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

@@ -1,4 +1,4 @@
-"""LeRobot's language columns: the subgoals of an episode, and questions about its frames.
+"""LeRobot's language columns: an episode's subgoals, and questions about its frames.
 
 Source: huggingface/lerobot 0.6, ``src/lerobot/datasets/language.py`` and ``docs/source/language_and_recipes.mdx``.
 """
@@ -19,8 +19,8 @@ PERSISTENT, EVENTS = "language_persistent", "language_events"
 def language_columns(dataset: Dataset, number: int, part: Part) -> dict[str, pa.Array]:
     """Return the two columns of an episode.
 
-    ``language_persistent`` lists in every frame all subgoals with the time at which each began [s];
-    ``language_events`` lists the questions and answers about a frame in that frame, with the column of its image.
+    ``language_persistent`` lists in every frame all subgoals with their start time [s]; ``language_events`` lists the
+    questions and answers about a frame in that frame, with the name of the image column.
     """
     times = (np.arange(len(part)) / dataset.rate_hz).astype(np.float32)
     changes = [row for row in range(len(part)) if row == 0 or part.subgoals[row] != part.subgoals[row - 1]]
@@ -47,7 +47,7 @@ def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
 
 
 def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
-    """Return the type of an entry of a column, with ``call`` as the type of its tool calls."""
+    """Return the type of a column entry, with ``call`` as the type of its tool calls."""
     fields = [pa.field("role", pa.string(), nullable=False)]
     fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
     fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []

@@ -1,4 +1,4 @@
-"""Columns of a data set: the inputs and outputs of a policy by a preset, under the names that its trainer expects.
+"""Columns of a data set: a policy's inputs and outputs in a preset, under the names that its trainer expects.
 
 The adapter makes every column, so a policy is trained on exactly the data that ``better eval`` sends.
 """
@@ -25,7 +25,7 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets in the order of the search for one with all cameras of a layout."""
+"""Observation presets, in the order in which they are searched for one with all of a layout's cameras."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
 """Columns in a trainer's configuration that the policy does not use; they repeat another column.
@@ -104,7 +104,7 @@ class DatasetLayout:
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form: the adapter, and the content of each column."""
+        """Return the JSON form: the adapter, and each column's content."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
@@ -117,13 +117,13 @@ class DatasetLayout:
 
 
 def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
-    """Return the layout of a preset.
+    """Return a preset's layout.
 
-    ``observation`` is the observation preset for the evaluation of the policy; by default the first preset with all
-    required cameras.
+    ``observation`` is the observation preset for evaluating the policy; by default the first preset with all required
+    cameras.
 
     Raises:
-        UnknownNameError: If there is no such preset.
+        UnknownNameError: If no such preset exists.
         InvalidInputError: If only another world executes its actions, or the observation preset lacks a required
             camera.
     """
@@ -184,13 +184,13 @@ def _states(adapter: Adapter) -> tuple[VectorColumn, ...]:
 
 
 def _components(rule: StateRule) -> tuple[str, ...]:
-    """Return the name of each number of a state."""
+    """Return a name for each number in a state."""
     sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns()]
     return tuple(part if size == 1 else f"{part}.{i}" for part, size in sizes for i in range(size))
 
 
 def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
-    """Return the name of each number of a part of an answer."""
+    """Return a name for each number in one part of an answer."""
     axes = {"axis_angle": ("rx", "ry", "rz"), "rpy": ("roll", "pitch", "yaw")}
     turns = axes.get(answer.rotation) or tuple(f"rotation.{i}" for i in range(ROTATION_SIZES[answer.rotation]))
     kind, _, axis = part.kind.partition("_")

@@ -1,4 +1,4 @@
-"""LeRobot's data sets: the common parts of versions 2.1 and 3.0 of the format, and version 3.0 itself.
+"""LeRobot data sets: the parts that format versions 2.1 and 3.0 share, and version 3.0 itself.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -71,7 +71,7 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
 
 
 def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.Table:
-    """Return the frames of an episode as a table with LeRobot's columns; ``first`` is the number of its first frame."""
+    """Return an episode's frames as a table with LeRobot's columns; ``first`` is the number of its first frame."""
     rows = len(part)
     columns: dict[str, pa.Array] = {}
     for name, files in part.pngs.items():
@@ -108,7 +108,7 @@ def episode_stats(dataset: Dataset, part: Part, counted: Mapping[str, np.ndarray
 
 
 class Totals:
-    """Accumulator for the statistics of a whole data set."""
+    """Accumulator for the statistics of a complete data set."""
 
     def __init__(self) -> None:
         self._vectors: dict[str, list[np.ndarray]] = {}
@@ -189,7 +189,7 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 
 
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
-    """Return the row of an episode in ``meta/episodes`` without locations and statistics; our fields: ``better/``."""
+    """Return an episode's row in ``meta/episodes`` without locations and statistics; our fields: ``better/``."""
     episode = dataset.episodes[number]
     about = episode.about
     return {
@@ -207,12 +207,12 @@ def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
 
 
 def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the fields of ``meta/episodes`` with the statistics of an episode."""
+    """Return the ``meta/episodes`` fields with an episode's statistics."""
     return {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
 
 
 def file_fields(kind: str, number: int) -> dict[str, int]:
-    """Return the fields of ``meta/episodes`` that locate the file of an episode, by its number.
+    """Return the fields of ``meta/episodes`` that locate an episode's file, by its number.
 
     ``kind`` is "data" or "videos/COLUMN".
     """
@@ -220,12 +220,12 @@ def file_fields(kind: str, number: int) -> dict[str, int]:
 
 
 def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, float]:
-    """Return the fields of ``meta/episodes`` with the times [s] at which an episode begins and ends in a video."""
+    """Return the ``meta/episodes`` fields with the times [s] at which an episode begins and ends in a video."""
     return {f"{kind}/from_timestamp": begun / rate_hz, f"{kind}/to_timestamp": ended / rate_hz}
 
 
 def file_name(kind: str, number: int) -> str:
-    """Return the name of a file of frames or videos."""
+    """Return the name of a frame or video file."""
     ending = "parquet" if kind == "data" else "mp4"
     return f"{kind}/chunk-{number // CHUNK_FILES:03d}/file-{number % CHUNK_FILES:03d}.{ending}"
 
@@ -240,7 +240,7 @@ class _Files:
 
 
 class _FrameFiles(_Files):
-    """The files of frames, each with a group of rows per episode."""
+    """The frame files, each with a row group per episode."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__("data")
@@ -267,7 +267,7 @@ class _FrameFiles(_Files):
 
 
 class _VideoFiles(_Files):
-    """Video files of one camera column; each file holds several consecutive episodes."""
+    """Video files for one camera column; each file contains several consecutive episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
         super().__init__(f"videos/{column}")
@@ -300,7 +300,7 @@ def _vector(values: np.ndarray, column: VectorColumn) -> pa.Array:
 
 
 def _hub_features(dataset: Dataset) -> dict[str, Any]:
-    """Return the types of the columns in the notation of the library ``datasets``, which older readers need."""
+    """Return the column types in the notation of the ``datasets`` library, which older readers need."""
     found: dict[str, Any] = {}
     for name, feature in features(dataset).items():
         if feature["dtype"] in ("video", "language"):

@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """Current file of frames, with the number of its rows that belong to the episodes so far."""
+    """Current frame file, with the number of its rows that belong to the episodes so far."""
 
     name: str
     table: pa.Table
@@ -99,11 +99,11 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
-        """Return the name of the file with the frames of an episode."""
+        """Return the file name with the frames of an episode."""
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return the name of the video of an episode, and the index of its first frame there."""
+        """Return the name of an episode's video, and the index of the episode's first frame in it."""
 
     def same_json(self, file: str, wanted: object) -> None:
         """Compare a file of JSON."""
@@ -145,7 +145,7 @@ class CheckOfV30(LeRobotCheck):
         self._shown: dict[str, int] = {}
 
     def compare_listed(self, number: int, part: Part) -> None:
-        """Compare the row of an episode: its locations, times and statistics."""
+        """Compare an episode's row: its locations, times and statistics."""
         there, dataset = self.listed[number], self.expected.dataset
         wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
         wanted |= lerobot.file_fields("data", self._file("data", there))
@@ -160,7 +160,7 @@ class CheckOfV30(LeRobotCheck):
         require_match(there, wanted, f"{self.path / lerobot.EPISODES_FILE}: episode {number}")
 
     def _file(self, kind: str, there: Mapping[str, Any]) -> int:
-        """Return the index of an episode's file: that of the previous episode or, if the row says so, the next one."""
+        """Return the index of an episode's file: the previous episode's file or, if the row says so, the next file."""
         before = self._files.get(kind)
         file = before or 0
         if before is not None and lerobot.file_fields(kind, before + 1).items() <= there.items():
@@ -252,7 +252,7 @@ def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRob
 
 
 def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
-    """Compare the frames of an episode; of images only their names."""
+    """Compare an episode's frames; for images, compare only the names."""
     if len(table) != len(wanted):
         raise InvalidInputError(where, f"has {len(table)} rows, expected {len(wanted)}", CURE)
     for name in wanted.column_names:
@@ -271,7 +271,7 @@ def _types(schema: pa.Schema) -> dict[str, str]:
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return the content of an index file as read by a trainer: rows, types, and the index column of pandas."""
+    """Return the content of an index file as read by a trainer: rows, types, and the pandas index column."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 

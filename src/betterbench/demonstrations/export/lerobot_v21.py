@@ -65,12 +65,12 @@ def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def frames_file(number: int) -> str:
-    """Return the name of the file with the frames of an episode."""
+    """Return the file name with the frames of an episode."""
     return f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
 
 
 def video_file(column: str, number: int) -> str:
-    """Return the name of the video of an episode."""
+    """Return the name of an episode's video."""
     return f"videos/chunk-{number // CHUNK_FILES:03d}/{column}/episode_{number:06d}.mp4"
 
 
@@ -100,7 +100,7 @@ def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
 
 
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
-    """Return GR00T's ``meta/modality.json``: the name of each slice of state and action.
+    """Return GR00T's ``meta/modality.json``: the name of each state and action slice.
 
     None for a layout without the columns of GR00T's loader (``observation.state`` and ``action``).
     """

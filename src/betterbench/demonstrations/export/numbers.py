@@ -11,12 +11,12 @@ QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Names and shares of the quantiles that LeRobot 0.4 and later store."""
 
 MOST_SAMPLED = 32
-"""Maximum of evenly spaced images of an episode from which image statistics are computed."""
+"""Maximum number of evenly spaced images per episode used to compute image statistics."""
 
 _LEVELS = 256
 
 Stats = dict[str, Any]
-"""Lists of numbers by the name of the statistic; ``count`` is the number of frames."""
+"""Lists of numbers by statistic name; ``count`` is the number of frames."""
 
 
 def vector_stats(values: np.ndarray) -> Stats:
@@ -37,17 +37,17 @@ def vector_stats(values: np.ndarray) -> Stats:
 
 
 def sampled_rows(rows: int) -> set[int]:
-    """Return the rows of an episode whose images are counted."""
+    """Return the rows of an episode whose images are included in the statistics."""
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 
 def color_counts(picture: np.ndarray) -> np.ndarray:
-    """Return the counts of the levels of each channel in an image: (3, 256) int64."""
+    """Return the histogram of each channel in an image: (3, 256) int64."""
     return np.stack([np.bincount(picture[:, :, c].reshape(-1), minlength=_LEVELS) for c in range(3)])
 
 
 def image_stats(levels: np.ndarray, pictures: int) -> Stats:
-    """Return the statistics of images from the counts of their levels, (3, 256), in [0, 1], each of shape (3, 1, 1)."""
+    """Return image statistics from histograms of the levels, (3, 256), in [0, 1], each of shape (3, 1, 1)."""
     counts = np.asarray(levels, dtype=np.float64)
     values = np.arange(_LEVELS) / (_LEVELS - 1)
     total = counts.sum(axis=1)

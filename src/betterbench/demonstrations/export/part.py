@@ -41,7 +41,7 @@ from betterbench.records import Record
 ImageForm = Literal["video", "png"]
 
 PNG_LEVEL = 3
-"""Level of the lossless compression of images, 0 to 9."""
+"""Level of lossless image compression, 0 to 9."""
 
 _INDEX, _NUMBERS = "part.json", "numbers.parquet"
 _SUBGOAL = "subgoal"
@@ -56,9 +56,9 @@ class Part:
         vectors: (N, size) by column.
         videos: Bytes by image column, for the form "video".
         pngs: N files by image column, for the form "png".
-        levels: (3, 256) counts of the levels of the sampled images, by image column.
+        levels: (3, 256) histogram of the sampled images, by image column.
         sampled: Number of images that were sampled.
-        about: Description of the episode from the record.
+        about: Episode description from the record.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -78,7 +78,8 @@ def write_part(
 ) -> None:
     """Compute an episode and write it into a folder; the index, which marks it as complete, is written last.
 
-    Raises the errors of :func:`~betterbench.demonstrations.export.frames.frame_numbers` and of rendering, and OSError.
+    Raises OSError, the rendering errors, and the same errors as
+    :func:`~betterbench.demonstrations.export.frames.frame_numbers`.
     """
     shutil.rmtree(folder, ignore_errors=True)
     numbers = frame_numbers(record, layout)
@@ -121,7 +122,7 @@ _Levels = Annotated[
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Images:
-    """Counts of the levels of the sampled images of a column, by channel."""
+    """Histogram of the sampled images of a column, by channel."""
 
     levels: _Levels
 
@@ -129,7 +130,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Fields of a part's description of its record that are read; see :func:`about`."""
+    """Fields that are read from a part's description of its record; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -141,13 +142,13 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """Index of a part: its files, color counts and description; the file carries a seal.
+    """Part index: its files, color counts and description; the file carries a seal.
 
     Attributes:
         files: SHA-256 of its other files by name.
-        images: Counts of levels by column of images.
+        images: Histograms by image column.
         sampled: Number of images that were counted.
-        about: Description of the episode from the record, as :func:`about` returns it.
+        about: Episode description from the record, as :func:`about` returns it.
     """
 
     files: dict[str, str]
@@ -156,7 +157,7 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Refuse file names with a path, and an incomplete description of the episode; raises InvalidInputError."""
+        """Reject file names that contain a path, and an incomplete episode description; raises InvalidInputError."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
             raise InvalidInputError("files", "are not the names of a part's files", "Make the part again")
         read_form(_ABOUT, self.about, where="about", cure="Make the part again")
@@ -166,7 +167,7 @@ _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 
 def read_index(folder: Path) -> PartIndex | None:
-    """Return the index of a part, or None if the part is incomplete or damaged."""
+    """Return a part's index, or None if the part is incomplete or damaged."""
     file, cure = folder / _INDEX, "Make the part again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
@@ -205,7 +206,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return the description of an episode in a data set."""
+    """Return an episode's description in a data set."""
     m = record.metadata
     return {
         "task": m.task,

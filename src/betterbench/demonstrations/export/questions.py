@@ -14,14 +14,14 @@ from betterbench.vqa.dataset import QuestionSet, read_set
 
 
 def question_set(path: Path) -> QuestionSet:
-    """Return the set of questions in a folder, or beside its JSON lines file; raises the errors of ``read_set``."""
+    """Return the question set in a folder, or next to its JSON lines file; raises the errors of ``read_set``."""
     return read_set(path.parent if path.is_file() else path)
 
 
 def questions_of(
     asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
 ) -> dict[str, tuple[FrameQuestion, ...]]:
-    """Return the questions of a set about some records, by SHA-256, without those about cameras outside the layout.
+    """Return a set's questions about some records, by SHA-256, without questions about cameras outside the layout.
 
     Boxes and points are also left out if the image is not shown in its rendered size. Options of a choice are listed
     with letters below the text.

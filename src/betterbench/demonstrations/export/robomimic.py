@@ -103,17 +103,17 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # betterbench writes no such objects
+    if of_file := attributes(file):  # betterbench never writes such objects
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 
 
 class _StrangeError(ValueError):
-    """Content of a file that betterbench never writes."""
+    """Content that betterbench never writes."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an untrusted file for reading, after a check that it has no links and that all its content is stored in it.
+    """Open an untrusted file for reading, after a check that it has no links and stores all its content itself.
 
     HDF5 follows links into other files, waits for a named pipe, and fills memory with data that is not stored.
 
@@ -149,7 +149,7 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return why an object cannot come from betterbench; empty if it can."""
+    """Return the reason why an object cannot come from betterbench; empty if it can."""
     h5py = _h5py()
     if _address(item) in seen:
         return "is a second name of another object"
@@ -166,13 +166,13 @@ def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: AN
 
 
 def _address(item: Any) -> tuple[int, int]:  # noqa: ANN401 - an object of h5py
-    """Return the address of an object in its file."""
+    """Return an object's address in its file."""
     about = _h5py().h5o.get_info(item.id)
     return about.fileno, about.addr
 
 
 def demo_name(number: int) -> str:
-    """Return the name of a demonstration in ``data``."""
+    """Return a demonstration's name in ``data``."""
     return f"demo_{number}"
 
 
@@ -198,7 +198,7 @@ def masks(dataset: Dataset) -> dict[str, list[str]]:
 
 
 def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
-    """Return all arrays of a demonstration except its images, by the name of its data set in HDF5."""
+    """Return all arrays of a demonstration except images, by their data set name in HDF5."""
     done = np.zeros(len(part))
     done[-1] = 1.0
     return {
@@ -210,7 +210,7 @@ def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
 
 
 def observation_name(column: str) -> str:
-    """Return the name of a column in ``obs``: without the prefixes of LeRobot and betterbench."""
+    """Return a column's name in ``obs``: without the prefixes of LeRobot and betterbench."""
     return column.removeprefix(IMAGES).removeprefix("observation.").removeprefix("better.")
 
 
@@ -220,7 +220,7 @@ def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def is_hdf5(path: Path) -> bool:
-    """Tell whether a file begins like an HDF5 file, under any name."""
+    """Tell whether a file begins like an HDF5 file; the file name does not matter."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE
@@ -261,7 +261,7 @@ def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noq
 
 
 def _environment(dataset: Dataset) -> dict[str, Any]:
-    """Return robomimic's description of the environment: a Gymnasium id if all demonstrations are of one task."""
+    """Return robomimic's description of the environment: a Gymnasium id if all demonstrations belong to one task."""
     tasks = sorted({str(episode.about["task"]) for episode in dataset.episodes})
     single = "".join(word.capitalize() for word in tasks[0].split("_"))
     return {

@@ -63,7 +63,7 @@ class RobomimicCheck:
         return read
 
     def finish(self) -> None:
-        """Compare the data of the whole file, such as its demonstrations and masks, after the last episode."""
+        """Compare file-level data, such as the lists of demonstrations and masks, after the last episode."""
         with intact(f"{self._path}: data"):
             data, where = self._file["data"], f"{self._path}: data"
             names = [demo_name(number) for number in range(len(self._expected.dataset.episodes))]
@@ -96,7 +96,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - what h5py returns
 
 
 def _shapes(group: Any) -> dict[str, str]:  # noqa: ANN401 - a group of h5py
-    """Return shape and type of each array of a demonstration."""
+    """Return the shape and type of each array in a demonstration."""
     found: dict[str, str] = {}
     for name in group:
         below = group[name]

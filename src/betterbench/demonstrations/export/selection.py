@@ -1,4 +1,4 @@
-"""Selection of the records of runs that are exported as demonstrations."""
+"""Selection of run records to export as demonstrations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ChosenTrial:
     """One record to export.
 
     Attributes:
-        run: Index of its run in the given runs.
+        run: Its run's index in the given runs.
         digest: SHA-256 of the record's file.
         scene_hash: Name of the stored scene for its images.
     """
@@ -29,7 +29,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Demonstrations in the order of the data set, and the number of trials left out for each reason."""
+    """Demonstrations in data set order, and the number of trials left out for each reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]
@@ -43,9 +43,9 @@ def select_demonstrations(
     Test variations are left out by default: they cannot test a policy that was trained on them.
 
     Raises:
-        RecordError: If a record is missing, damaged or not the one in its journal.
+        RecordError: If a record is missing, is damaged, or differs from the record in the journal.
         UnknownNameError: If no run has a requested task.
-        InvalidInputError: If no trial is left, a record occurs twice, or records of a task are of several versions.
+        InvalidInputError: If no trial is left, a record occurs twice, or records of a task have different versions.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
@@ -83,7 +83,7 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Store the version of a task's demonstrations; refuse a second version."""
+    """Store the version of a task's demonstrations; reject a second version."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:

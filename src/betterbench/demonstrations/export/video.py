@@ -38,7 +38,7 @@ _BITEXACT = {"fflags": "+bitexact"}  # no version of a library in the file
 
 
 class VideoWriter:
-    """Encoder of images of one size, (height, width, 3) uint8 with even sides, one after the other.
+    """Encoder for consecutive images of one size, (height, width, 3) uint8 with even sides.
 
     The encoder runs in one thread, because its output depends on the number of threads.
     """
@@ -86,7 +86,7 @@ def require_even(width: int, height: int) -> None:
 def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
     """Return the concatenation of several videos, without encoding again.
 
-    All must come from :class:`VideoWriter`, with images of one size.
+    All videos must come from :class:`VideoWriter`, with images of the same size.
     """
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4", options=_BITEXACT) as container:
@@ -111,7 +111,7 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
 
 
 def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield index and image, (height, width, 3) uint8, of each frame of a video from ``first`` on.
+    """Yield index and image, (height, width, 3) uint8, of each video frame from ``first`` on.
 
     Raises InvalidInputError if it cannot be read.
     """

@@ -1,4 +1,4 @@
-"""Acceptance: share of the attempts that gave a demonstration, by task, source and region, and causes of failures."""
+"""Acceptance: fraction of attempts that gave a demonstration, by task, source and region, and causes of failures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FOLDER = "acceptance"
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Number of attempts of one kind, and of the accepted ones among them."""
+    """Number of attempts of one kind, and how many were accepted."""
 
     accepted: int
     attempts: int
@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """Coverage of the starts of a training condition by its accepted demonstrations."""
+    """How a training condition's accepted demonstrations cover its starts."""
 
     condition: str
     demonstrations: int
@@ -50,7 +50,7 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Share of the levels of all factors that have a demonstration, relative to the largest possible number."""
+        """Fraction of the levels of all factors that have a demonstration, relative to the largest possible number."""
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
@@ -60,12 +60,12 @@ class TaskAcceptance:
 
     Attributes:
         attempts: All attempts.
-        starts: Number of starts, and of those with a demonstration.
+        starts: Number of starts, and number of starts with a demonstration.
         steps: Control steps of the accepted demonstrations.
         sources: Attempts by the leading source.
         regions: Attempts by the cell of a slot's jitter region, "slot first 0" to "slot first 8".
         failures: Failed attempts by kind.
-        examples: The first failed attempt of each kind: trial, number of the attempt, reason.
+        examples: The first failed attempt of each kind: trial, attempt number, reason.
         coverage: Coverage by training condition.
     """
 
@@ -82,11 +82,11 @@ class TaskAcceptance:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Outcomes of the attempts of a run, computed from its records only and without durations.
+    """Outcomes of a run's attempts, computed from its records only and without durations.
 
     Attributes:
         policy: Demonstrator, as the records name it.
-        sha256: Hash of the set.
+        sha256: Set hash.
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
         variety: Differences between the demonstrations, by task; None if no condition has two.
@@ -102,7 +102,7 @@ class Acceptance:
 
     @property
     def mean_rate(self) -> float | None:
-        """Mean over the tasks of the share of accepted attempts."""
+        """Mean, over the tasks, of the fraction of accepted attempts."""
         rates = [t.attempts.rate for t in self.tasks if t.attempts.rate is not None]
         return round(sum(rates) / len(rates), 4) if rates else None
 
@@ -116,7 +116,7 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
-    """Return the outcomes of the attempts of a run of demonstrations, and the differences between the accepted ones.
+    """Return the attempt outcomes of a demonstration run, and the differences between accepted demonstrations.
 
     Args:
         run: The run.
@@ -192,8 +192,9 @@ def write_acceptance(
     Args:
         run: The run.
         found: Outcome counts of its attempts.
-        films: File of each film, relative to the page, by task and kind of failure; or the reason why it is missing.
-        pictures: File of each picture of paths, likewise, by task.
+        films: File of each film, relative to the page, by task and kind of failure; or the reason why the film is
+            missing.
+        pictures: File of each path picture, likewise, by task.
     """
     folder = run.inside(FOLDER)
     text = json_text(found.to_json(), indent=1) + "\n"

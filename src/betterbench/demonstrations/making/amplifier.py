@@ -38,14 +38,14 @@ BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 TURN_RAD = math.pi / 8.0
 """Angle between two neighboring grasps of an object that may be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Rotations about its own axis that are tried for an object that may be grasped from any side [rad]."""
+"""Rotations about its own axis that are tried for an object that can be grasped from any side [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
 """Distance [m] and angle [rad] to its goal at which the arm has settled, and maximum control steps to wait.
 
 The gripper is moved only afterward.
 """
 STILL_M, STILL_STEPS = 2e-4, 2
-"""Motion of the fingers below which they stand still [m], and number of still steps before a lift."""
+"""Finger motion below which the fingers are considered still [m], and number of still steps before a lift."""
 LEAVE_M = 0.10
 """Height by which the tool retreats from the released object at the end, if the source did not retreat [m]."""
 NOISE_BLOCK = 256
@@ -53,11 +53,11 @@ NOISE_BLOCK = 256
 MOST_DEVIATIONS = 5.0
 """Largest noise in standard deviations; a replay accepts up to 6."""
 TEMPO = 1.4
-"""Largest factor between the speeds of a skill and of its source; a whole demonstration has one tempo."""
+"""Largest ratio between the speeds of a skill and of its source; a demonstration has one tempo throughout."""
 TEMPO_DRAWN = 0.1
-"""Largest relative difference between the tempo of a demonstration and that of its leading source."""
+"""Largest relative difference between the tempo of a demonstration and the tempo of its leading source."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""Largest displacement of the middle of a transit from that of its source: sideways, down and up [m]."""
+"""Largest displacement of a transit's midpoint from the midpoint of its source: sideways, down and up [m]."""
 LAST_STEPS = 60
 """Control steps after the last skill in which the goal must be met."""
 PRESS_M = 0.004
@@ -68,12 +68,12 @@ FULL_M = 0.003
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """Settings of the transfer of sources to a scene.
+    """Settings for transferring sources to a scene.
 
     Attributes:
-        select: Choice of the source of each subgoal.
+        select: How to choose the source for each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
-            rotation (0.5 rad). There is no noise on the gripper, nor while the arm settles or the gripper moves.
+            rotation (0.5 rad). No noise is added to the gripper, or while the arm settles or the gripper moves.
     """
 
     select: SourceChoice = "nearest_object"
@@ -96,8 +96,8 @@ class _Candidate:
     Attributes:
         source: The skill of the source.
         moved: The skill in this scene.
-        change: Difference of its transit from that of the source.
-        hand: State of the gripper in the transit.
+        change: Difference between its transit and the source's transit.
+        hand: Gripper state in the transit.
         touched: Objects that the robot may touch in the skill.
     """
 
@@ -114,8 +114,8 @@ class _WayIn:
 
     Attributes:
         poses: Corners of a planned path, or one pose per control step of a transferred transit.
-        planned: Whether the path was planned.
-        begin: Step of the skill at which it ends.
+        planned: Whether the path was found by the planner.
+        begin: Skill step at which the approach ends.
     """
 
     poses: tuple[Pose, ...]
@@ -160,7 +160,7 @@ class Amplifier:
 
     @property
     def name(self) -> str:
-        """Name of the policy in records."""
+        """Policy name in records."""
         return "demonstrator:amplified"
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
@@ -201,7 +201,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode. If the leading source does nothing, neither does this episode."""
+        """Yield an episode's actions. If the leading source does nothing, neither does this episode."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -274,7 +274,7 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the matching skills of all sources in the order of attempts.
+        """Return the matching skills from all sources in the order of attempts.
 
         A placement is first tried with the source of its pick, because the object is then held in the same way.
         """
@@ -299,7 +299,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance of the arm from the beginning of the skill; 1 rad is weighted as 1 m."""
+        """Return the distance from the arm to the beginning of the skill; 1 rad is weighted as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -320,7 +320,7 @@ class Amplifier:
 
         An object that may be grasped from any side is first grasped rotated about its own axis by ``turn_rad``. If all
         skills are blocked, it is grasped from another side. If a container is filled differently than in the sources,
-        an object may be released at another goal of the expert at which training releases objects.
+        an object may be released at another of the expert's goals, if training releases objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -347,7 +347,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Tell whether training releases objects at a foot position [m], if known."""
+        """Tell whether training releases objects at a base position [m], if known."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -393,7 +393,10 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return the first obstacle of a skill up to its change, or of the opening gripper; None if there is none."""
+        """Return the first obstacle in a skill before its gripper change, or in the way of the opening gripper.
+
+        Returns None if there is none.
+        """
         hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
         held, T_tcp_object = hand.held, hand.T_tcp_object
         blocked, joints = self._planner.check_way(
@@ -407,12 +410,12 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return the speed of a skill relative to its source, for the tempo of the demonstration."""
+        """Return a skill's speed relative to its source, for the demonstration's tempo."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 
     def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
-        """Move to the beginning of a skill, at the tempo of the demonstration."""
+        """Move to the beginning of a skill at the demonstration's tempo."""
         self._quiet = False
         pace = CARRY if held is not None else FREE
         gripper = OPEN if held is None else 1.0
@@ -457,7 +460,7 @@ class Amplifier:
         return state
 
     def _close(self, state: WorldState, goal: Pose) -> Motion:
-        """Wait until the fingers stand still, because another instance may be narrower than the source's object."""
+        """Wait until the fingers are still, because another instance may be narrower than the source's object."""
         still = 0
         for _ in range(SETTLE_STEPS):
             width = state.finger_width_m

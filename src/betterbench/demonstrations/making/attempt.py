@@ -41,10 +41,10 @@ class AttemptNote:
 
     Attributes:
         number: Number of the attempt at its start, from 0.
-        failure: Kind of failure, or "" if it was accepted.
+        failure: Failure kind, or "" if the attempt was accepted.
         reason: Reason of the failure, in one line.
-        steps: Control steps that it took.
-        sources: Sources that it used, one per skill.
+        steps: Number of control steps that the attempt took.
+        sources: Sources used by the attempt, one per skill.
         lead: The leading source, which determined the order of skills, or "".
     """
 
@@ -57,7 +57,7 @@ class AttemptNote:
 
     @property
     def accepted(self) -> bool:
-        """Whether the attempt gave a demonstration."""
+        """Whether the attempt produced a demonstration."""
         return not self.failure
 
 
@@ -71,7 +71,7 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a motion style drawn from the scene's seed and the number of the attempt.
+    """Let the expert demonstrate in a motion style drawn from the scene's seed and the attempt number.
 
     With ``twins``, the draw does not depend on the condition.
     """
@@ -145,7 +145,7 @@ def judge_attempt(
 ) -> DemonstrationAttempt:
     """Return an attempt with the segments in its record. Only attempts that meet all conditions of a set are accepted.
 
-    The scene is at the end of the episode, and ``states`` are those of the rows of the record.
+    The scene is at the end of the episode, and ``states`` has the state for each record row.
     """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
@@ -156,7 +156,7 @@ def judge_attempt(
 
 
 def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[FailureKind, str]:
-    """Return the kind of failure of an episode without success."""
+    """Return the failure kind of an episode without success."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
         return "harm", "all subgoals are done, but another object was moved or harmed"
@@ -194,9 +194,9 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first problem of an episode outside the certified training regime of its task, from its states.
+    """Return the first way in which an episode's states leave its task's certified training regime.
 
-    None if everything is inside, or if the variation declares that it is outside.
+    Returns None if everything is inside, or if the variation declares that it is outside.
     """
     variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:

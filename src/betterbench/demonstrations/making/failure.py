@@ -27,7 +27,7 @@ FAILURES: dict[FailureKind, str] = {
     "outside support": "It succeeded with a pick or placement outside the certificate's training regime.",
     "breakdown": "The program failed because of an error in betterbench.",
 }
-"""Meaning of each kind of failure."""
+"""What each kind of failure means."""
 
 
 class AttemptFailedError(Exception):

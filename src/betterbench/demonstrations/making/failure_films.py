@@ -1,4 +1,4 @@
-"""Films of failed attempts: the first one of each kind, reproduced from its seed and rendered."""
+"""Films of failed attempts: the first attempt of each failure kind, reproduced from its seed and rendered."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def film_failures(
 ) -> dict[tuple[str, str], str]:
     """Render the first failed attempt of each kind and task, unless its film exists.
 
-    Returns:
-        The file of each film, relative to the folder of the report, by task and kind of failure; or why it is missing.
+    Returns: The file of each film, relative to the report folder, by task and kind of failure; or the reason why it is
+        missing.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
     films: dict[tuple[str, str], str] = {}

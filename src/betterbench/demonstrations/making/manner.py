@@ -25,7 +25,7 @@ from betterbench.policies.experts.motion import (
 from betterbench.policies.experts.skills import Skills
 
 MISS_GAP_M = 0.012
-"""Minimum distance of the tool above the top of an object at which a missed grasp closes [m]."""
+"""Minimum height of the tool above the top of an object when a missed grasp closes [m]."""
 MISS_STEPS = 12
 """Maximum control steps for which a missed grasp stays closed."""
 
@@ -38,11 +38,11 @@ class DemonstrationManner:
         speed: Fraction of the expert's speed.
         acceleration: Fraction of the expert's acceleration.
         approach_height_m: Height above the grasp at which the last stretch begins [m].
-        approach_offset_m: Horizontal distance from the grasp at which it begins [m].
+        approach_offset_m: Horizontal distance from the grasp at which the last stretch begins [m].
         approach_bearing_rad: Direction of that offset in the world frame [rad].
-        grasp_turn_rad: Largest preference for one of several equal grasps, as a rotation of the gripper [rad].
+        grasp_turn_rad: Largest preference for one of several equally good grasps, as a gripper rotation [rad].
         raise_m: Additional height of transits [m].
-        detour_m: Largest sideways displacement of the middle of a transit [m].
+        detour_m: Largest sideways displacement of a transit's midpoint [m].
         pause_s: Mean duration of a pause [s].
         pause_rate: Probability of a pause at each possible moment.
         miss_rate: Probability that the gripper closes too early and opens again before a grasp.
@@ -94,7 +94,7 @@ class VariedSkills(Skills):
 
     Attributes:
         manner: The motion style.
-        chance: Random stream of the demonstration for pauses, detours and misses, in the order of their events.
+        chance: The demonstration's random stream for pauses, detours and misses, in event order.
     """
 
     manner: DemonstrationManner = DemonstrationManner()
@@ -145,7 +145,7 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to the start of the last stretch, beside the grasp, and along it; raises PlanningError as usual."""
+        """Move to the start of the last stretch, next to the grasp, and along it; raises PlanningError as usual."""
         m = self.manner
         turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
 
@@ -173,7 +173,7 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """Close the gripper above an object on the way down to its grasp and open it again, if it touches nothing."""
+        """Close and reopen the gripper above an object on the way down to a grasp, unless it would touch anything."""
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]

@@ -1,4 +1,4 @@
-"""Pictures of tool paths: all demonstrations of a task, over the image of one start."""
+"""Pictures of tool paths: all demonstrations of a task, drawn over the image of one start."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_PATHS = 60
 
 
 def draw_paths(run: RunFolder, *, on_progress: OnCount | None = None) -> dict[str, str]:
-    """Draw the first training condition of every task, and return the file of each picture, relative to the report.
+    """Draw the first training condition of every task, and return each picture's file, relative to the report.
 
     Paths of one source have one color; demonstrations without a source have one color each. A picture that cannot be
     drawn is replaced by the reason. ``on_progress`` gets the number of finished pictures and the total.
@@ -65,7 +65,7 @@ def _picture(run: RunFolder, trials: Sequence[TrialId], leads: Mapping[TrialId, 
 
 
 def _draw_path(draw: ImageDraw.ImageDraw, pixels: np.ndarray, record: Record, color: tuple[int, ...]) -> None:
-    """Draw the path of the tool, with a ring where the gripper begins to close."""
+    """Draw the tool path, with a ring where the gripper begins to close."""
     points = [(float(x), float(y)) for x, y in pixels if np.isfinite((x, y)).all()]
     draw.line(points, fill=color, width=1)
     closed = record.gripper_command > 0.0

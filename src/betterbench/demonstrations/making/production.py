@@ -1,4 +1,4 @@
-"""Production of a set of demonstrations: starts, attempts at them by workers, and the run folder that holds the set.
+"""Production of a demonstration set: starts, attempts at them by workers, and the run folder that contains the set.
 
 ``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start without an
 accepted attempt stays in the plan as an error, with the reason, and a replacement start is added to the plan. The
@@ -70,7 +70,7 @@ logger = logging.getLogger(__name__)
 ATTEMPTS = "attempts"
 """Folder within a run of demonstrations for the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Versions of the methods of demonstration; a run is resumed only under its own version."""
+"""Versions of the demonstration methods; a run is resumed only with the version that began it."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
@@ -83,14 +83,14 @@ class Method:
         policy: Demonstrator, as the policy name in records: the expert, or the amplifier.
         first_seed: Seed from which starts are chosen.
         attempts: Maximum attempts at one start.
-        sources: Folder of the run with the source demonstrations; "" for the expert.
-        sources_hash: Hash of that set; "" for the expert.
+        sources: Run folder with the source demonstrations; "" for the expert.
+        sources_hash: That set's hash; "" for the expert.
         source_tasks: Tasks of the demonstrations in that hash; empty for the expert.
         settings: Settings of the transfer.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
         regime: Regime whose conditions are demonstrated.
-        twins: Whether conditions with the same scene share their seeds and the motion styles of the expert.
+        twins: Whether conditions with the same scene share their seeds and the expert's motion styles.
     """
 
     policy: str
@@ -110,7 +110,7 @@ class Method:
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return the planned starts of a task: ``demos`` per training condition, divided over those of the regime.
+        """Return a task's planned starts: ``demos`` per training condition, divided among the regime's conditions.
 
         Raises InvalidInputError if a number is out of range, or the task has no such regime.
         """
@@ -120,11 +120,11 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return the replacement of a start that was given up; a twin is not replaced."""
+        """Return a replacement for a start that was given up; a twin is not replaced."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values that identify a run besides its trials; a run with other values is not resumed."""
+        """Return the values that, in addition to its trials, identify a run; a run with other values is not resumed."""
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -152,7 +152,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return the production method of a run of demonstrations; RecordError for another kind of run."""
+    """Return the production method of a demonstration run; RecordError for other kinds of run."""
     where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
@@ -176,7 +176,7 @@ class StartOutcome:
     """Outcomes of the attempts at one start.
 
     Attributes:
-        notes: One per attempt, in their order; the last one is accepted, or none is.
+        notes: One outcome per attempt, in order; the last attempt is accepted, or none is.
     """
 
     task: str
@@ -186,17 +186,17 @@ class StartOutcome:
 
     @property
     def trial(self) -> TrialId:
-        """The name of the trial."""
+        """The trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
     @property
     def accepted(self) -> bool:
-        """Whether there is a demonstration from this start."""
+        """Whether this start has a demonstration."""
         return bool(self.notes) and self.notes[-1].accepted
 
     @property
     def why_not(self) -> str:
-        """Reason why there is no demonstration from this start, in one line."""
+        """Reason why this start has no demonstration, in one line."""
         kinds = dict.fromkeys(note.failure for note in self.notes)
         return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
 
@@ -223,7 +223,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """Journal of the attempts of a run. The last line about a start is valid.
+    """Journal of a run's attempts. The last line about a start is valid.
 
     Raises the errors of :class:`VersionedJournal`.
     """
@@ -249,7 +249,7 @@ def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
-    """Return the outcomes of all starts of a run so far; RecordError if the journal is corrupt."""
+    """Return the outcomes of all starts in a run so far; RecordError if the journal is corrupt."""
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
     if lines:
@@ -275,19 +275,19 @@ def collect(
 
     Args:
         tasks: Names of the tasks.
-        out: Folder of the run.
+        out: Run folder.
         demos: Demonstrations per training condition; another regime divides the same total over its conditions.
         first_seed: Seed from which starts are chosen.
         attempts: Maximum attempts at one start, each in another motion style.
         regime: Regime whose conditions are demonstrated.
-        twins: Whether conditions with the same scene get the same seeds and motion styles, so that only the cause
-            differs.
+        twins: Whether conditions with the same scene get the same seeds and motion styles, so that the cause is the
+            only difference.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
     Raises:
-        InvalidInputError: If a number is out of range, the training support of a task was never measured, or a task
-            lacks the regime.
+        InvalidInputError: If a number is out of range, a task's training support was never measured, or a task lacks
+            the regime.
         UnknownNameError: If the task does not exist.
         RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
@@ -309,12 +309,12 @@ def amplify(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Amplify the demonstrations of a run to new starts in another run folder. The same call resumes the run.
+    """Amplify a run's demonstrations to new starts in another run folder. The same call resumes the run.
 
     Args:
-        sources: Folder of the run with the source demonstrations.
-        out: Folder of the run.
-        tasks: Names of the tasks; all that the sources demonstrate if none is named.
+        sources: Run folder with the source demonstrations.
+        out: Run folder.
+        tasks: Task names; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
         attempts: Maximum attempts at one start, each with another leading source.
@@ -323,7 +323,7 @@ def amplify(
         on_progress: Called at the start and after every start.
 
     Raises:
-        InvalidInputError: If a number is out of range, or sources are missing or have seeds of tests.
+        InvalidInputError: If a number is out of range, or sources are missing or use test seeds.
         RecordError: If a source cannot be read.
         RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
@@ -358,7 +358,7 @@ def _check_sources(run: RunFolder, task: Task) -> None:
 
 
 def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
-    """Return the hash of a set of demonstrations: of the names and bytes of its records (hex, 64 characters)."""
+    """Return the hash of a demonstration set: over the names and bytes of its records (hex, 64 characters)."""
     chosen = None if tasks is None else set(tasks)
     done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
     lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
@@ -408,7 +408,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Log that a journal lacks lines that the other journal implies, whose starts are repeated."""
+    """Log that a journal lacks lines that the other journal implies; the corresponding starts are repeated."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
@@ -469,7 +469,7 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
-    """Yield the outcomes of starts as they come; starts that share a compiled scene follow each other."""
+    """Yield the outcomes of starts as they arrive; starts that share a compiled scene follow each other."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
@@ -523,7 +523,7 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
 
 
 def scene_of(trial: TrialId, quality: str) -> Scene:
-    """Return the scene of a demonstration."""
+    """Return a demonstration's scene."""
     found = resolve_condition(trial.task, trial.condition)
     return Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
 

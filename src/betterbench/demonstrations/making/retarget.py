@@ -1,8 +1,8 @@
-"""Transfer of a skill to another scene: the same motion in the frame of its object or target region.
+"""Transfer of a skill to another scene: the same motion in its object's frame or target region.
 
 A pick or a slide keeps its motion relative to the object, ``T_new(t) = T_object_new  T_object_source^-1
 T_target_source(t)``, with a shift in between for another instance of the category. A placement keeps the path of the
-object's foot relative to the target region, because the object may be held differently. The poses are the commands to
+object's base relative to the target region, because the object may be held differently. The poses are the commands to
 the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
 """
 
@@ -34,10 +34,10 @@ CHECKED_EVERY_RAD = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedOver:
-    """A skill in the frame of another scene.
+    """A skill in another scene's frame.
 
     Attributes:
-        source: Name of the demonstration it comes from.
+        source: Name of the demonstration from which the skill comes.
         targets: Commanded poses ``T_world_tcp``, one per control step.
         gripper: Gripper command of each step.
         change: Index of the first step of the gripper's motion.
@@ -49,7 +49,7 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step from which all poses up to the change are within a distance of it [m]."""
+        """Return the first step from which all poses up to the change stay within a given distance [m]."""
         there = self.targets[self.change].position
         step = self.change
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
@@ -103,15 +103,15 @@ def carry_place(
     keep_tool: bool = False,
     foot: tuple[float, float, float] | None = None,
 ) -> CarriedOver | None:
-    """Return a placement transferred to the object in the gripper and the target of a window of this scene.
+    """Return a window's placement transferred to this scene's grasped object and target.
 
     Args:
         skill: The placement.
         state: Current state, with the object in the gripper.
         window: Names of object and target in this scene.
-        keep_tool: Whether to keep the rotation of the tool, so that the object keeps its rotation in the gripper; for
-            objects that may have any heading.
-        foot: Release position of the object's foot [m], world frame; by default the expert's goal nearest to the
+        keep_tool: Whether to keep the tool rotation, so that the object keeps its rotation in the gripper; for objects
+            that may have any heading.
+        foot: Release position of the object's base [m], world frame; by default the expert's goal nearest to the
             source's release.
 
     Returns:
@@ -139,7 +139,7 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the pose of the tool that puts the foot of an object at the position of the source's object.
+    """Return the tool pose that puts an object's base at the position of the source's object.
 
     Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object keeps its rotation in the gripper.
     """

@@ -1,4 +1,4 @@
-"""Source demonstrations: their skills, each in the frame of its object or target region."""
+"""Source demonstrations: their skills, each in its object's frame or target region."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from betterbench.tasks.relations.placing import foot_offset
 SAME_GRASP_M = 0.04
 """Maximum distance of a grasp from an annotated grasp to be identified with it [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance of a release from a goal of the expert to be identified with it [m]."""
+"""Maximum distance between a release and an expert goal for the two to be identified [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
 """Minimum distance between different goals [m], and maximum number of goals."""
 MOVING_M = 0.001
 """Minimum motion of a control step that is not a pause [m]."""
 ROTATION_M = 0.1
-"""Weight of rotation against translation in comparisons of poses [m/rad]: the length of the gripper."""
+"""Weight of rotation relative to translation in pose comparisons [m/rad]: the length of the gripper."""
 
 SkillKey = tuple[str, str, str, str, str]
-"""Key of a skill: its kind and the kind of its object; for a placement also relation, kind of the target and region.
+"""Key of a skill: its kind and the object kind; for a placement also the relation, target kind and region.
 
 For a slide that opens its drawer, the relation is "out".
 """
@@ -43,20 +43,20 @@ class SourceSkill:
 
     Attributes:
         key: Kinds of skill, object and target, see :data:`SkillKey`.
-        source: Name of the demonstration, "TASK/CONDITION/SEED".
+        source: Demonstration name, "TASK/CONDITION/SEED".
         window: Its rows there.
         object: Object that is picked, released or moved.
         asset: Asset of that object.
-        frame: ``T_world_reference`` at the beginning of the window: of the object, or of the target's region.
+        frame: ``T_world_reference`` at the beginning of the window: pose of the object, or of the target's region.
         object_pose: ``T_world_object`` when the window begins.
-        target_pose: ``T_world_target`` at that time; that of the object without a placement.
+        target_pose: ``T_world_target`` at that time; the object's pose if there is no placement.
         targets: Commanded poses ``T_world_tcp``, one per control step of the window.
-        gripper: Gripper command of each of these steps.
+        gripper: Gripper command at each of these steps.
         change: Index of the first step of the gripper's motion.
         T_tcp_foot: Pose of the object's foot in the gripper just before the change; for a placement.
         anchor: Foot of the object [m], world frame, at the expert's goal nearest to its release; for a placement.
-        spread_m: Opening width of the gripper beyond the width of the object [m]; for a placement.
-        slid_m: Distance along its own x axis by which a drawer is moved [m].
+        spread_m: Gripper opening minus the object width [m]; for a placement.
+        slid_m: Distance by which a drawer is moved along its own x axis [m].
         width_m: Opening width at the beginning of the window [m].
         lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
             if they contain a missed grasp.
@@ -139,7 +139,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
     Raises:
         InvalidInputError: If a record has the seed of a test, or the task has no successful demonstration.
-        RecordError: If a record cannot be read, or is of another version of the suite or the task.
+        RecordError: If a record cannot be read, or has another suite or task version.
     """
     found = []
     for entry in run.entries():
@@ -160,7 +160,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record is of another version of the suite or its task, with other object positions."""
+    """Raise RecordError if a record has another suite or task version and other object positions."""
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -258,7 +258,7 @@ def _skill_of(
 
 
 def region_frame(state: WorldState, window: SkillWindow) -> Pose:
-    """Return the pose of the center of a placement's target region, ``T_world_region``."""
+    """Return the center pose of a placement's target region, ``T_world_region``."""
     middle = relation(window.relation).middle(state.info.object(window.target), window.region)
     return state.pose(window.target) @ Pose(middle)
 
@@ -285,7 +285,7 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return the foot positions of an object at the goals of the expert [m], the best first, one per position."""
+    """Return an object's base positions at the expert's goals [m], the best first, one per position."""
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
     for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
@@ -309,7 +309,7 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
     """Return the shift ``T_object_object`` from a grasp of one asset to the same grasp of another asset.
 
-    The grasp is matched with the annotated grasps of its asset, and replaced by the same one of the other asset. The
+    The grasp is matched with the annotated grasps of its asset and replaced by the same grasp of the other asset. The
     shift is the identity for the same asset, and if no annotated grasp is near.
     """
     if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):

@@ -1,9 +1,9 @@
-"""Starts: seeds of a set of demonstrations, chosen so that they cover the training distribution evenly.
+"""Starts: seeds for a demonstration set, chosen to cover the training distribution evenly.
 
-A start is described by a few levels: the cell of the jitter region in which each relevant object stands, its rotation,
-and the set of looks. Each start is the seed of a block of consecutive seeds with the rarest levels so far. Blocks do
-not overlap and do not depend on the number of starts, so a larger set contains the smaller one. A seed that is given up
-is replaced by the most similar seed of another block.
+A start is described by a few levels: the cell of the jitter region that contains each relevant object, the object's
+rotation, and the set of looks. Each start is the seed with the rarest levels so far, from a block of consecutive seeds.
+Blocks do not overlap and do not depend on the number of starts, so a larger set contains the smaller one. A seed that
+is given up is replaced by the most similar seed of another block.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ BLOCK = 32
 SPARE_BLOCK = 256
 """Number of consecutive seeds from which a replacement is chosen."""
 SLOT_WEIGHT = 3
-"""Weight of a different cell in the choice of a replacement; another rotation or other looks weigh 1."""
+"""Weight of a different cell when a replacement is chosen; a different rotation or look weighs 1."""
 SPARE_ROUNDS = 4
 """Maximum number of replacements of a start."""
 SPARES_FROM = 20_000_000
@@ -36,7 +36,7 @@ MOST_STARTS = 10_000
 """Maximum number of starts per training condition: their blocks end before the spare seeds begin."""
 
 Levels = Mapping[str, int]
-"""Level of each factor of a start, by its name."""
+"""Level of each factor of a start, by factor name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Start:
 
     @property
     def trial(self) -> TrialId:
-        """The name of the trial."""
+        """The trial name."""
         return TrialId(self.task, self.condition, self.seed)
 
 
@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a training condition's starts: slots of requested objects, then of targets."""
+    """Return the random factors in a training condition's starts: slots of instructed objects, then of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -196,7 +196,7 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """Coverage of the levels of one factor by some starts.
+    """Coverage of one factor's levels by some starts.
 
     Attributes:
         counts: Starts per level.
@@ -211,7 +211,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return the coverage of the factors of a training condition by the starts of some seeds."""
+    """Return how the starts from some seeds cover the factors of a training condition."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

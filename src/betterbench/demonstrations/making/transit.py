@@ -23,11 +23,11 @@ CHECK_RAD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """Difference of a transit from that of its source.
+    """Difference between a transit and its source.
 
     Attributes:
-        aside_m: Displacement of its middle to the left, seen from above [m].
-        raise_m: Displacement of its middle up [m].
+        aside_m: Displacement of its midpoint to the left, seen from above [m].
+        raise_m: Upward displacement of its midpoint [m].
         faster: Speed as a multiple of the source's.
     """
 
@@ -39,14 +39,14 @@ class TransitChange:
 def carry_transit(
     skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
 ) -> tuple[Pose, ...] | None:
-    """Return the transit of a source to the step ``begin`` of a skill between other end points, one pose per step.
+    """Return the source's transit adapted to other end points, up to the step ``begin`` of a skill, one pose per step.
 
     Seen from above it is rotated and stretched along the line between its end points. Its sideways offset from that
     line and its height are kept, up to the differences of its end points and the variation.
 
     Args:
         skill: The skill of the source.
-        begin: Step of its window at which the transit ends.
+        begin: Step in its window at which the transit ends.
         start: Pose ``T_world_tcp`` at its start here.
         goal: Pose at its end here.
         variation: Difference from the transit of the source.
@@ -133,7 +133,7 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
 
 
 def checkpoints(way: Sequence[Pose]) -> list[Pose]:
-    """Return some poses of a transit that are close enough to each other for a collision check."""
+    """Return poses along a transit, dense enough for a collision check."""
     found = [way[0]]
     for pose, after in itertools.pairwise(way[1:]):
         far = distance(after.position, found[-1].position) > CHECK_STEP_M

@@ -1,9 +1,9 @@
-"""Variety: differences between the demonstrations of a set in corresponding motions.
+"""Variety: differences between a set's demonstrations in corresponding motions.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
-objects is removed first, so that ten copies of one path to ten starts have no variety: paths are compared by their
-offset from the straight line between their end points, grasps and approaches in the frame of the object. Every figure
-is the mean over pairs, so it does not depend on the size of the set.
+objects is removed first, so that ten copies of one path with ten starts have no variety: paths are compared by their
+offset from the straight line between their end points, and grasps and approaches in the object's frame. Every figure is
+the mean over pairs, so it does not depend on the set's size.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 SAMPLES = 40
-"""Number of points of a path that are compared, at equal shares of its length."""
+"""Number of path points that are compared, at equal fractions of the path length."""
 APPROACH_M = 0.05
 """Length of the last stretch of a path, whose direction is the approach direction [m]."""
 MOST_COMPARED = 200
-"""Maximum number of demonstrations of a condition that are compared, in the order of their seeds."""
+"""Maximum number of demonstrations per condition that are compared, in seed order."""
 
 _SAID = (
     "Mean difference of two demonstrations of the same condition in the same motion. Slot jitter is removed: paths "
@@ -45,12 +45,12 @@ class Spread:
     """Mean difference between two demonstrations in the same motion.
 
     Attributes:
-        path_cm: Distance of two paths of the tool at equal shares of their length, without slot jitter [cm].
-        height_cm: Difference of the greatest heights of the tool [cm].
-        side_cm: Difference of the sideways offsets of the middle half of the path from the straight line [cm].
-        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or region [deg].
-        duration_s: Difference of the durations of the motions [s].
-        grasp_cm: Distance of the tool centers when the gripper closes, in the frame of the object [cm]; None without a
+        path_cm: Distance between two tool paths at equal fractions of their length, without slot jitter [cm].
+        height_cm: Difference between the greatest tool heights [cm].
+        side_cm: Difference between the sideways offsets of the paths' middle halves from the straight line [cm].
+        approach_deg: Angle between the directions of the last 5 cm, in the object's frame or region [deg].
+        duration_s: Difference between the motion durations [s].
+        grasp_cm: Distance between the tool centers when the gripper closes, in the object's frame [cm]; None without a
             grasp.
         grasp_deg: Rotation between the tools at that time [deg]; None without a grasp.
     """
@@ -78,12 +78,12 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Differences between the demonstrations of a condition in one motion: to a grasp, or from a grasp to its end.
+    """Differences between a condition's demonstrations in one motion: to a grasp, or from a grasp to its end.
 
     Attributes:
-        condition: Name of the condition.
-        subgoal: Name of the subgoal.
-        skill: Kind of skill with which the motion ends.
+        condition: Condition name.
+        subgoal: Subgoal name.
+        skill: Skill kind with which the motion ends.
         demonstrations: Number of demonstrations compared, at least two.
     """
 
@@ -96,10 +96,10 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """Differences between the demonstrations of a task.
+    """Differences between a task's demonstrations.
 
     Attributes:
-        task: Name of the task.
+        task: Task name.
         spread: Mean over the motions.
         motions: Each motion of each condition with at least two demonstrations.
     """
@@ -116,10 +116,10 @@ class _Motion:
     Attributes:
         off: (SAMPLES, 3) offset of the path from the straight line between its anchors [m].
         height_m: Greatest height of the tool [m].
-        side_m: Mean offset of the middle half of the path to the left of that line, seen from above [m].
-        approach: Unit vector of the last stretch, in the frame of its object or region.
+        side_m: Mean offset of the path's middle half to the left of that line, seen from above [m].
+        approach: Unit vector of the last stretch, in its object's frame or region.
         duration_s: Duration of the motion [s].
-        grasp: Tool in the frame of the object when the gripper closes; None if it opens.
+        grasp: Tool in the object's frame when the gripper closes; None if it opens.
     """
 
     off: npt.NDArray[np.float64]
@@ -131,7 +131,7 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Measures the differences between the demonstrations of a set, record by record."""
+    """Measures the differences between a set's demonstrations, record by record."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
@@ -148,7 +148,10 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return the differences between demonstrations of the same conditions, by task; nothing for a single one."""
+        """Return the differences between demonstrations in the same conditions, by task.
+
+        The result is empty for a single demonstration.
+        """
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
             for (subgoal, skill), same in motions.items():
@@ -161,7 +164,7 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return the differences between the successful demonstrations of a run, of some tasks or of all.
+    """Return the differences between a run's successful demonstrations, for some tasks or all.
 
     ``on_progress`` gets the number of records read and the total. Raises RecordError if a record cannot be read.
     """
@@ -215,7 +218,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return the motions of a demonstration by subgoal and skill; the last one if a motion was repeated."""
+    """Return a demonstration's motions by subgoal and skill; if a motion was repeated, the last one."""
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)
@@ -234,7 +237,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the frame at the end of a motion: the object, or the region of the target."""
+    """Return the frame at the end of a motion: the object's, or the target region's."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)
@@ -287,13 +290,13 @@ def _rounded(value: float) -> float:
 
 
 def _apart(paths: npt.NDArray[np.float64]) -> float:
-    """Return the mean distance of pairs of paths, shape (paths, points, 3)."""
+    """Return the mean distance over pairs of paths, shape (paths, points, 3)."""
     sums = [np.linalg.norm(paths[i + 1 :] - paths[i], axis=2).mean(axis=1).sum() for i in range(len(paths) - 1)]
     return float(sum(sums)) / _pairs(len(paths))
 
 
 def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
-    """Return the mean angle of pairs of unit vectors, shape (vectors, 3) [deg]."""
+    """Return the mean angle between pairs of unit vectors, shape (vectors, 3) [deg]."""
     angles = np.degrees(np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0)))
     return float(np.triu(angles, 1).sum()) / _pairs(len(vectors))
 

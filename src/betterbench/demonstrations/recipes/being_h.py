@@ -61,7 +61,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
         commands += [("Export the demonstrations", export_line(d, "lerobot-v2.1")) for d in training.data]
     flags = [(s.name, shell_line([s.value])) for s in settings if s.name.startswith("--")]
     commands += [
-        ("From Being-H's folder (the one that holds BeingH and configs): train", flag_lines(start, flags)),
+        ("From Being-H's folder (the folder that contains BeingH and configs): train", flag_lines(start, flags)),
         (
             "Serve the last checkpoint behind the bridge of betterbench",
             _COPY_BRIDGE + f'BEING_H_CHECKPOINT="$(ls -d {values["--output_dir"]}/*{recipe.steps})" ' + _BRIDGE,

@@ -1,7 +1,7 @@
 """LeRobot: a ``train_config.json`` for its own ``TrainPipelineConfig``, for several types of policies.
 
 Fields: huggingface/lerobot 0.4.4 and 0.6.1, ``configs/train.py``, ``configs/default.py`` and
-``policies/*/configuration_*.py``. Only fields of both releases are written, except for policies that came later.
+``policies/*/configuration_*.py``. Only fields that both releases have are written, except for policies that came later.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class Setting:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RecipeForm:
-    """Form of a recipe file; missing fields have the values of the recipe that it extends."""
+    """Format of a recipe file; missing fields take their values from the recipe that the file extends."""
 
     extends: Benchmark = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
@@ -60,7 +60,7 @@ class Recipe:
     """Resolved recipe: every value is set, or left to the framework (None).
 
     Attributes:
-        name: Part of the names of configurations and folders.
+        name: Part of the configuration and folder names.
         form: Content of the user's file.
         fixed: Values prescribed by the paper, with their place in it: ``steps``, ``batch``.
         frozen: Frozen parts of the backbone by framework, with their place in the paper.
@@ -88,7 +88,7 @@ class Recipe:
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the usual number of steps between checkpoints if the last step is then saved; else all steps."""
+        """Return the usual number of steps between checkpoints if this saves the last step; otherwise all steps."""
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:
@@ -108,16 +108,16 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field with the value of the recipe file, or else another value with its origin."""
+    """Return a field with the recipe file's value, or else another value with its origin."""
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe: one of the paper's by name, or one from the fields of a file.
+    """Return a recipe: one of the paper's by name, or one from a file's fields.
 
     Args:
         form: ``better``, ``libero`` or ``calvin``, or a map of fields.
-        where: Name of the file, for errors.
+        where: File name, for errors.
 
     Raises:
         UnknownNameError: If the paper has no recipe of that name.

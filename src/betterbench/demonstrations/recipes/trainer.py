@@ -29,9 +29,9 @@ class TrainingData:
 
     Attributes:
         place: Folder, or the name of a data set on the Hugging Face hub.
-        preset: Layout of an export of betterbench; empty for other data.
+        preset: Export layout of betterbench; empty for other data.
         frames: Number of its frames, if it is here.
-        quality: Render quality of its images.
+        quality: Render quality of the data set's images.
         still: Nearly constant components, which normalization amplifies.
     """
 
@@ -43,7 +43,7 @@ class TrainingData:
 
     @property
     def name(self) -> str:
-        """The last part of its place."""
+        """The last part of the data set's path."""
         return Path(self.place).name
 
 
@@ -67,7 +67,7 @@ class Training:
     sample_tokens: int = 220
 
     def __post_init__(self) -> None:
-        """Refuse invalid numbers and places; raises InvalidInputError."""
+        """Reject invalid numbers and paths; raises InvalidInputError."""
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
@@ -75,7 +75,7 @@ class Training:
 
     @property
     def only_data(self) -> TrainingData:
-        """The one data set; raises InvalidInputError if there are several."""
+        """The only data set; raises InvalidInputError if there are several."""
         if len(self.data) != 1:
             raise InvalidInputError(
                 "--data",
@@ -95,7 +95,7 @@ class Training:
 
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
-"""Names of data sets that are valid for every trainer, as part of a path, of a command and of YAML."""
+"""Data set names that are valid for every trainer, in a path, in a command and in YAML."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +252,7 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
 
 
 def own_file(file: str) -> ShellText:
-    """Return a file of the recipe's own folder as a word of the shell."""
+    """Return a file in the recipe's own folder as a shell word."""
     return ShellText(f'"$HERE/{file}"')
 
 

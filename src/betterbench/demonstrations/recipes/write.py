@@ -1,4 +1,4 @@
-"""A recipe as a folder: files of the framework, commands in order, and a page with the source of each field."""
+"""A recipe as a folder: files for the framework, commands in order, and a page with each field's source."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def trainer_setup(
     Args:
         framework: The framework.
         recipe: The recipe.
-        data: Places of the data sets; for LIBERO by default the published set, if the framework has one.
+        data: Paths of the data sets; for LIBERO by default the published set, if the framework has one.
         gpus: Number of GPUs.
         weights: Initial weights; the framework's published ones if None.
         policy: Type of policy, for LeRobot.
@@ -95,7 +95,7 @@ def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
 
 
 def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False) -> None:
-    """Write the files of a recipe into a folder; files with the same content are kept.
+    """Write a recipe's files into a folder; files with the same content are kept.
 
     Raises:
         RunConflictError: If the folder contains another recipe, or files of others, and may not be overwritten.
@@ -113,7 +113,7 @@ def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False)
 
 
 def _is_recipe(out: Path) -> bool:
-    """Tell whether a folder contains the fields of a recipe."""
+    """Tell whether a folder contains a recipe's fields."""
     try:
         form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
     except InvalidInputError:

@@ -80,11 +80,11 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make the training set of a recipe in a folder; the same call resumes it and gives the same bytes.
+    """Make a recipe's training set in a folder; the same call resumes it and gives the same bytes.
 
     Args:
-        recipe: Recipe of the set.
-        out: Folder of the set.
+        recipe: Set recipe.
+        out: Set folder.
         workers: Worker processes.
         pictures: Draw a sheet of starts per task.
         overwrite: Replace files of the set that were changed by hand.

@@ -42,10 +42,10 @@ ABOUT_REGIME = {
 
 @dataclass(frozen=True, slots=True)
 class CardFacts:
-    """Content of a card beside the recipe.
+    """Content of a card, in addition to the recipe.
 
     Attributes:
-        sheets: File of the picture of each task, relative to the card, or the reason why it is missing.
+        sheets: Picture file for each task, relative to the card, or the reason why it is missing.
         variety: Differences between the demonstrations, by task.
         sources: Differences between the source demonstrations.
     """

@@ -22,7 +22,7 @@ STATE = (
     "finger_width_m",
     *(f"joint_{i}_rad" for i in range(1, 8)),
 )
-"""Names of the components of the state, in order."""
+"""Names of the state components, in order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class ConditionCounts:
 
 
 class SetNumbers:
-    """Accumulator of the numbers of a set, one record after the other."""
+    """Accumulator for a set's figures, one record after the other."""
 
     def __init__(self, held_out: frozenset[int]) -> None:
         self._held_out = held_out
@@ -67,7 +67,7 @@ class SetNumbers:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the components of an action."""
+        """Names of the action components."""
         return self._components
 
     @property

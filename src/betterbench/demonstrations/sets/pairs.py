@@ -1,4 +1,4 @@
-"""Twins (the same start with different instructions) among the demonstrations of a run, found by bitwise comparison."""
+"""Twins (the same start with different instructions) among a run's demonstrations, found by bitwise comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 
 
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
-    """Yield the pairs of a run whose conditions share their seeds, in the order of tasks, seeds and conditions.
+    """Yield pairs from a run whose conditions share their seeds, ordered by task, seed and condition.
 
     A pair has one start and two instructions. Demonstrations of one start that were accepted at different attempts have
     different motion styles and do not form a pair.

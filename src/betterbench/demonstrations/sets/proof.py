@@ -1,4 +1,4 @@
-"""Check, from the data of a record alone, that the record demonstrates a regime and nothing outside it."""
+"""Check, from a record's data alone, that the record demonstrates a regime and nothing outside it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ CURE = "Delete the file and run the command again to repeat the demonstration"
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """Conditions that a set may show, and conditions that it must not show."""
+    """Conditions that a set may contain, and conditions that it must not contain."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return the conditions of a task that a set of a regime may show, and the tests that it must not show."""
+        """Return the task conditions that a regime's set may show, and the tests that it must not show."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")
@@ -34,7 +34,7 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Return the facts of a record after checking that it demonstrates its regime and nothing outside it.
+    """Return a record's facts after checking that it demonstrates its regime and nothing outside it.
 
     The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
 

@@ -1,4 +1,4 @@
-"""Recipes of training sets: all values that determine the bytes of a set, and the command that reproduces it."""
+"""Recipes for training sets: all values that determine a set's bytes, and the command that reproduces it."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class SetRecipe:
         tasks: Names of the tasks.
         regime: Regime whose conditions are demonstrated.
         demos: Demonstrations per training condition; another regime divides the same total over its conditions.
-        sources: Number of expert demonstrations from which the others are amplified; 0 if all are the expert's.
-        seed: First seed of the expert's demonstrations; that of the amplified ones follows from it.
-        noise: Standard deviation of the noise on executed actions of amplified demonstrations, in action units.
+        sources: Number of expert demonstrations from which the others are amplified; 0 if the expert makes all of them.
+        seed: First seed of the expert's demonstrations; the first seed of the amplified demonstrations follows from it.
+        noise: Standard deviation of the noise on executed actions in amplified demonstrations, in action units.
         validation: Share of the seeds whose demonstrations are for validation.
-        pairs: Whether conditions with the same scene share their seeds, so that they form pairs of twins.
+        pairs: Whether conditions with the same scene share their seeds, so that they form twins.
     """
 
     tasks: tuple[str, ...]
@@ -57,7 +57,7 @@ class SetRecipe:
 
     @property
     def amplified(self) -> bool:
-        """Whether most demonstrations are amplified from those of the expert."""
+        """Whether most demonstrations are amplified from the expert's demonstrations."""
         return self.sources > 0 and not self.pairs
 
     @property
@@ -88,7 +88,7 @@ _FORM = TypeAdapter(SetRecipe)
 
 
 def holds_recipe(out: Path) -> bool:
-    """Tell whether a folder contains the recipe of a dataset."""
+    """Tell whether a folder contains a dataset's recipe."""
     try:
         read_recipe(out)
     except RecordError:
@@ -97,7 +97,7 @@ def holds_recipe(out: Path) -> bool:
 
 
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into the folder of its dataset, after the check of :func:`require_recipe`.
+    """Write a recipe into its dataset's folder, after the check of :func:`require_recipe`.
 
     Raises the errors of that function.
     """
@@ -107,7 +107,7 @@ def keep_recipe(recipe: SetRecipe, out: Path) -> None:
 
 
 def require_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Refuse a folder with other files, or with a dataset of another recipe (fewer ``demos`` are allowed).
+    """Reject a folder with other files, or with a dataset for another recipe (fewer ``demos`` are allowed).
 
     Raises:
         RunConflictError: If the folder contains the dataset of another recipe.

@@ -18,7 +18,7 @@ SIZE = 256
 """Side of a view [pixel]."""
 COLUMNS = 4
 MOST_VIEWS = 12
-"""Maximum number of conditions of a task that are shown."""
+"""Maximum number of conditions shown per task."""
 _CAPTION = 44
 _LINE = 40
 

@@ -3,7 +3,7 @@
 - ``facts``, ``questions``, ``association``, ``words``, ``instructions``, ``pairs``: the tested variables and their
   associations.
 - ``examine``, ``prediction``, ``smallest``, ``asked``: the audit, its predicted failures, and its sensitivity.
-- ``lerobot``, ``lerobot_files``, ``lerobot_order``, ``lerobot_choice``: data sets of LeRobot; ``numbers``, ``grips``
-  and ``places`` read their columns.
+- ``lerobot``, ``lerobot_files``, ``lerobot_order``, ``lerobot_choice``: LeRobot data sets; ``numbers``, ``grips`` and
+  ``places`` read their columns.
 - ``reading``, ``shown``, ``page``: description of the data, and the result as Markdown.
 """

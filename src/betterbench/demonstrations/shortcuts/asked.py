@@ -11,10 +11,10 @@ class AskedQuestion:
     """One question of an audit, whether tested or not.
 
     Attributes:
-        question: Name of the question.
+        question: Question name.
         title: The question in words.
-        n: Number of demonstrations, or observations in them, that it compares.
-        compared: Features that it compares with the outcome, such as "8 words"; "" for a single test.
+        n: Number of demonstrations, or observations in them, that the question compares.
+        compared: Features that the test compares with the outcome, such as "8 words"; "" for a single test.
         untested: Reason why it could not be tested, "" if it was tested.
     """
 

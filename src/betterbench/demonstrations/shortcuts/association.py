@@ -20,13 +20,13 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Association:
-    """Strength and significance of the association of two categorical variables.
+    """Strength and significance of the association between two categorical variables.
 
     Attributes:
         bits: Mutual information [bit].
-        expected_bits: Its mean over the permutations, which is the value by chance.
-        strength: 1 if one variable determines the other, 0 if the association is not above chance: the mutual
-            information less the expected one, over the smaller of the two entropies less the expected one.
+        expected_bits: Mean mutual information over the permutations, that is the value at chance.
+        strength: 1 if one variable determines the other, 0 if the association is not above chance: (mutual information
+            - expected mutual information) / (smaller of the two entropies - expected mutual information).
         p_value: Share of the permutations, counting the data itself, with at least as much mutual information.
         n: Number of observations.
     """
@@ -39,7 +39,7 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return an index for each value, in the order of their texts, and the number of different values."""
+    """Return an index for each value, in text order, and the number of different values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
@@ -55,10 +55,10 @@ class PermutationTest:
     """Permutation test of one question: the observed counts, and the distribution under permutations.
 
     Attributes:
-        x: (n,) index of the first value of each observation.
+        x: (n,) index of each observation's first value.
         y: (n,) index of the second one.
         sizes: Numbers of different first and second values.
-        block: (n,) index of the demonstration of each observation.
+        block: (n,) index of each observation's demonstration.
         within: Whether first values are permuted within each demonstration.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
         found: The association.
@@ -81,16 +81,16 @@ def association(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> Association:
-    """Return the association of two lists of equal length.
+    """Return the association between two lists of equal length.
 
     Args:
         first: A value per observation.
         second: The other value per observation.
         draw: Random generator of the permutations.
-        blocks: Index of the demonstration of each observation. Without ``within``, the first values are permuted
-            between whole demonstrations, so that repetition within one demonstration is not evidence; all its first
-            values must be equal.
-        within: Permute the first values within each block instead, for the steps of a demonstration.
+        blocks: Index of each observation's demonstration. Without ``within``, the first values are permuted between
+            complete demonstrations, so that repetition within one demonstration is not evidence; all first values of a
+            demonstration must be equal.
+        within: Permute the first values within each block instead, for a demonstration's steps.
     """
     return permutation_test(first, second, draw, blocks=blocks, within=within).found
 
@@ -103,7 +103,7 @@ def permutation_test(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> PermutationTest:
-    """Return the association of two lists, as :func:`association` does, with the data of its permutation test."""
+    """Return the association between two lists, as :func:`association` does, with the data of its permutation test."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -146,7 +146,7 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 
 
 def counts_log_counts(n: int) -> _Floats:
-    """Return c log2 c for the counts c from 0 to n: entropies of counts are sums of these."""
+    """Return c log2 c for the counts c from 0 to n: entropies of counts are sums of these terms."""
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     return logs
@@ -190,21 +190,21 @@ def _permuted_bits(
 def strongest_of(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> list[Association]:
-    """Return the association of each of several features with an outcome, as :func:`features_test` finds it."""
+    """Return the association between each of several features and an outcome, as :func:`features_test` computes it."""
     return features_test(presence, outcome, draw)[0]
 
 
 def features_test(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> tuple[list[Association], _Floats]:
-    """Return the association of each of several features with an outcome; p-values account for all features.
+    """Return the association between each of several features and an outcome; p-values account for all features.
 
-    The p-value is the share of the permutations of the outcome in which any feature reaches as much mutual information
-    (Westfall and Young's single-step maximum).
+    The p-value is the fraction of permutations of the outcome in which the mutual information of some feature is at
+    least as large (Westfall and Young's single-step maximum).
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
-        outcome: The outcome of each episode.
+        outcome: Each episode's outcome.
         draw: Random generator of the permutations.
 
     Returns:

@@ -83,7 +83,7 @@ NEARLY_ALWAYS = 0.9
 """Share of an outcome's uncertainty that a word must resolve where it occurs to be a certain sign."""
 MOST_LINES = 8
 MOST_WORDS = 1000
-"""Maximum number of words of a group that are tested: those that distinguish the most episodes."""
+"""Maximum number of words per group that are tested: the words that distinguish the most episodes."""
 MOST_PAIRS = 20
 _NAMED = "the words name the objects; the whole instruction is compared among those that name them in the same order"
 _MOST_SHOWN = 80
@@ -106,7 +106,7 @@ class Finding:
     """Result of one question: test statistics, verdict and the rules found.
 
     Attributes:
-        question: Name of the question.
+        question: Question name.
         title: The question in words.
         subject: The word of the question, "" for questions about all objects.
         bits: Mutual information [bit].
@@ -119,8 +119,8 @@ class Finding:
         verdict: Conclusion, see :data:`Verdict`.
         rules: Rules that a learner could follow, in words.
         seen: The rules as counts: frequency of each second value, by first value.
-        separating: Variations whose right behavior breaks the rule, with the observation that breaks it.
-        meaning: Reason why the words mean this outcome, so that the rule is a regularity; "" if none is known.
+        separating: Variations in which the right behavior breaks the rule, with the observation that breaks it.
+        meaning: Reason why the words imply this outcome, so that the rule is a regularity; "" if none is known.
     """
 
     question: str
@@ -144,7 +144,7 @@ class GroupAudit:
 
     Attributes:
         group: Name of the task or of the dataset.
-        episodes: Number of demonstrations, or of their segments.
+        episodes: Number of demonstrations, or of demonstration segments.
         findings: One per question.
         notes: Questions that could not be tested, with the reason.
         smallest: The smallest rule per question that would have been found with this number of demonstrations.
@@ -164,12 +164,12 @@ class GroupAudit:
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """The questions for which there are too few demonstrations to find every strong rule."""
+        """The questions with too few demonstrations to find every strong rule."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
     def shortcuts(self) -> tuple[Finding, ...]:
-        """Findings of rules that a learner could follow and that some variation breaks."""
+        """Findings about rules that a learner could follow and that some variation breaks."""
         return tuple(f for f in self.findings if f.verdict == "shortcut")
 
 
@@ -190,7 +190,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; the description of the reading comes first."""
+        """Return the JSON form; the description of how the data were read comes first."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
@@ -209,7 +209,7 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
     Args:
         source: Name of the audited data.
         episodes: Facts of its demonstrations.
-        reading: Description of how the data were read; it becomes part of the audit.
+        reading: Description of how the data were read; included in the audit.
 
         Raises InvalidInputError if no group has enough demonstrations.
     """
@@ -237,7 +237,7 @@ class _Raw:
     Attributes:
         finding: The finding, with the uncorrected p-value.
         rules: Counts of the finding.
-        certain: Whether one of the rules is always true, or nearly.
+        certain: Whether one of the rules always holds, or nearly always.
         parts: For a question about words, its word or its two words.
         columns: Indices of these words.
     """
@@ -280,7 +280,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """Question about pairs of words, with its number of demonstrations, pairs and outcomes."""
+    """Question about word pairs, with its number of demonstrations, pairs and outcomes."""
 
     question: str
     title: str
@@ -332,7 +332,7 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Words of the instructions; words that always occur together are one entry.
+    """Instruction words; words that always occur together are one entry.
 
     Attributes:
         words: The single words of each entry.
@@ -380,7 +380,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
 
 
 def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
-    """Return the findings of words, pairs of words and whole instructions on one outcome."""
+    """Return the findings on how words, word pairs and complete instructions relate to one outcome."""
     known = [facts for facts in group.episodes if outcome.of(facts)]
     outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
@@ -402,7 +402,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return the finding of each word on an outcome. Words that always occur together are treated as one word."""
+    """Return each word's finding on an outcome. Words that always occur together are treated as one word."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
         reason = "no word occurs in some demonstrations and not in others"
@@ -436,7 +436,7 @@ def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outco
     if len(said.words) > 1:
         group.pairs.append(_AskedPairs(question, title, len(outcomes), len(pairs), kinds))
     every = Counter(outcomes)
-    # Of several pairs in the same episodes, the one with the longer words is shown.
+    # Of several pairs in the same episodes, the pair with the longer words is shown.
     length = [max(map(len, words)) for words in said.words]
     pairs.sort(key=lambda pair: (pair.p_value, -min(length[pair.first], length[pair.second])))
     raw: list[_Raw] = []
@@ -462,7 +462,7 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return the findings of whole instructions on an outcome beyond those of their words and pairs.
+    """Return the findings on how complete instructions relate to an outcome beyond their words and pairs.
 
     Args:
         group: The group.
@@ -522,7 +522,7 @@ def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
-    """Return the association of the presence of both words with an outcome, with the p-value of the pair."""
+    """Return the association between the presence of both words and an outcome, with the pair's p-value."""
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
@@ -530,14 +530,14 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Tell whether counts remove at least :data:`NEARLY_ALWAYS` of the uncertainty of an outcome."""
+    """Tell whether the counts remove at least :data:`NEARLY_ALWAYS` of an outcome's uncertainty."""
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
 
 
 def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Tell in which tables a word is a sure sign, as :func:`_nearly_always` does.
+    """Tell in which tables a word is a sure sign, as defined by :func:`_nearly_always`.
 
     Args:
         joint: (tables, 2, outcomes) the outcomes without and with the word.
@@ -567,7 +567,7 @@ equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcut
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
-    """Return the smallest rule of each question that would have been found, corrected for the tests of its family."""
+    """Return each question's smallest rule that would have been found, corrected for the tests in its family."""
     rules = []
     for asked in group.planted:
         units = int(asked.planted.block.max()) + 1
@@ -596,7 +596,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return findings on constants: the slot of a landmark, the number of objects, or the first slot of all."""
+    """Return findings on constants: the slot of a landmark, the number of objects, or the first slot overall."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -670,9 +670,9 @@ def _family(group: _Group, question: str) -> str:
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Return the findings without those on a run of characters that is part of a clearer one.
+    """Return the findings without those about a character run that is part of a clearer run.
 
-    In a script without spaces, a part of a word, and a run that contains a word, carry part of the word's information.
+    In a script without spaces, part of a word, or a run that contains a word, carries part of the word's information.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -693,7 +693,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Tell whether each word of ``those`` overlaps with another one of ``these``, and at least one by characters."""
+    """Tell whether each word of ``those`` overlaps with another word of ``these``, and at least one by characters."""
     if len(those) > len(these):
         return False
     return any(
@@ -733,7 +733,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Return whether one of two words associated with a place occurs in the name of the place, such as "upper"."""
+    """Return which of two words associated with a place occurs in the place name, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]
@@ -742,7 +742,7 @@ def _names_its_place(finding: Finding, raw: _Raw) -> bool:
 
 
 def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
-    """Return the reason why the words of a finding mean their outcome; "" if none is known."""
+    """Return the reason why the words of a finding imply their outcome; "" if none is known."""
     outcome = WORD_OUTCOMES.get(base_of(finding.question))
     if outcome is None or not raw.parts:
         return ""
@@ -753,14 +753,14 @@ def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> s
 
 
 def _certain(rules: Rules) -> bool:
-    """Tell whether some value always occurs with the same other value, if there are several."""
+    """Tell whether, given several values, some value always occurs with the same other value."""
     if len({y for ys in rules.values() for y in ys}) < 2:
         return False
     return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return the observation of a test that breaks a rule, in words; "" if the test keeps the rule."""
+    """Return the observation from a test that breaks a rule, in words; "" if the test keeps the rule."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

@@ -1,4 +1,4 @@
-"""Facts of each demonstration for the audit: instruction, objects moved with origin and target, and initial layout.
+"""Each demonstration's facts for the audit: instruction, objects moved with origin and target, and initial layout.
 
 Facts of records come from their states, facts of a condition from its specification, and facts of an external dataset
 from actions, instruction and proprioception. In external datasets, objects have no names, and places are named by their
@@ -39,9 +39,9 @@ class ShownStep:
 
     Attributes:
         thing: Kind of the object, "" if unknown.
-        word: The word of the instruction that identifies it, "" if unknown.
-        origin: Slot from which it was taken.
-        target: Target to which it was brought.
+        word: The instruction word that identifies the object, "" if unknown.
+        origin: Slot from which the object was taken.
+        target: Target to which the object was brought.
     """
 
     thing: str
@@ -56,7 +56,7 @@ class EpisodeFacts:
     """Facts of one demonstration.
 
     Attributes:
-        episode: Name of the episode.
+        episode: Episode name.
         group: Group of demonstrations for comparison: its task.
         instruction: Its instruction.
         steps: Manipulations, in order of time.
@@ -75,7 +75,7 @@ class EpisodeFacts:
 
     @property
     def words(self) -> frozenset[str]:
-        """The words of the instruction, see :func:`~betterbench.demonstrations.shortcuts.words.instruction_words`."""
+        """The instruction's words, see :func:`~betterbench.demonstrations.shortcuts.words.instruction_words`."""
         return instruction_words(self.instruction)
 
     @property
@@ -97,7 +97,7 @@ def read_facts(form: object, where: str) -> EpisodeFacts:
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
-    """Return the facts of a record, from its states and the slots of its condition.
+    """Return a record's facts, from its states and its condition's slots.
 
     Args:
         record: The record.
@@ -114,7 +114,10 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return the facts of a correct episode of a condition; if a word can mean several objects, of the first one."""
+    """Return the facts of a correct episode in a condition.
+
+    If a word can mean several objects, the first one is used.
+    """
     steps = []
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:
@@ -131,7 +134,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the first direction of a tool, one of eight seen from above, or "" if it does not move.
+    """Return the first direction of a tool, one of eight seen from above; "" if the tool does not move.
 
     Args:
         positions: (T, 3) positions of the tool [m].

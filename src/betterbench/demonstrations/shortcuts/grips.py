@@ -1,4 +1,4 @@
-"""Closings and openings of a gripper, and the end of its range at which it is closed."""
+"""Closings and openings of a gripper, and the end of its range that means closed."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ from betterbench.errors import InvalidInputError
 SHORTEST_S = 0.3
 """Minimum time for which a gripper is closed or open [s]: shorter commands of teleoperators are not grasps."""
 AGREEING = 0.9
-"""Share of the episodes that must begin on one side for that side to count as open."""
+"""Fraction of episodes that must begin on one side for that side to mean open."""
 WIDTH_M = (0.005, 0.15)
 """Range of gripper openings that count as a width in meters [m]."""
 IDLE_SHARE = 0.1
-"""Relative range of a gripper, against the largest of the same column, below which it is noise of an idle arm."""
+"""Relative range of a gripper, compared with the largest range in the same column, below which it is noise from an idle
+arm.
+"""
 _BETWEEN = 0.1
-"""Share of the frames in the middle third of a range below which a gripper is in two positions, not at rest."""
+"""Fraction of frames in the middle third of a range below which a gripper is in two positions, not at rest."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -109,7 +111,7 @@ def _sideless(column: str) -> tuple[str, ...]:
 
 
 def _ends(values: _Floats) -> tuple[float, float]:
-    """Return the range of values without the lowest and the highest 1 %; the whole range if nearly all are equal."""
+    """Return the range of values without the lowest and the highest 1 %; the full range if nearly all are equal."""
     low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
     if high - low < _LEAST_RANGE:
         low, high = float(values.min()), float(values.max())
@@ -117,11 +119,11 @@ def _ends(values: _Floats) -> tuple[float, float]:
 
 
 def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
-    """Return the range, threshold and polarity of a gripper that moves.
+    """Return the range, threshold and polarity of a moving gripper.
 
     The closed end follows from the name ("width", "closed"), from values that are a width in meters, from LeRobot's
-    rule for ``gripper.pos`` (0 closed, 100 open), or from the first values of episodes. The last two must agree if both
-    apply.
+    rule for ``gripper.pos`` (0 closed, 100 open), or from the first values of the episodes. The last two must agree if
+    both apply.
 
     Args:
         grip: The gripper.
@@ -196,7 +198,7 @@ def _between(values: _Floats, low: float, high: float) -> float:
 
 
 def held(values: _Floats) -> _Floats:
-    """Return commands (T,) in which a 0 among only -1, 0 and 1 is replaced by the last command, which it keeps."""
+    """Return commands (T,) with each 0 replaced by the previous command, if the only values are -1, 0 and 1."""
     if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
         return np.array(values)
     last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))
@@ -205,7 +207,7 @@ def held(values: _Floats) -> _Floats:
 
 
 def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
-    """Return the rows (T,) in which a gripper is closed; phases shorter than ``shortest`` rows are ignored.
+    """Return the rows (T,) with a closed gripper; phases shorter than ``shortest`` rows are ignored.
 
     Phases at the beginning and the end of an episode are never too short.
     """
@@ -217,7 +219,7 @@ def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
 
 
 def edges_of(closed: _Bools) -> tuple[list[int], list[int]]:
-    """Return the rows in which a gripper closes, and those in which it opens; the last row if it stays closed."""
+    """Return the rows in which a gripper closes, and the rows in which it opens; the last row if it stays closed."""
     edges = (np.flatnonzero(closed[1:] != closed[:-1]) + 1).tolist()
     closings = [edge for edge in edges if closed[edge]]
     openings = [edge for edge in edges if not closed[edge]]

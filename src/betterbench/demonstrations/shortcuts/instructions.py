@@ -1,8 +1,8 @@
-"""Whole instructions as categories: information about an outcome beyond that of single words and pairs of words.
+"""Complete instructions as categories: information about an outcome beyond single words and word pairs.
 
 Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
-of the whole instruction covers both. If words or pairs already determine an outcome, demonstrations are compared only
-with those that agree in these words, so that no rule is found twice.
+of the complete instruction covers both. If words or pairs already determine an outcome, demonstrations are compared
+only if they agree in these words, so that no rule is found twice.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WholeTest:
-    """The test of whole instructions against an outcome.
+    """The test of complete instructions against an outcome.
 
     Attributes:
         test: The unconditional association, with which planted rules are compared.
         beyond: The association among demonstrations that agree in the words already found.
-        share_told: Share of the errors of the best guess from these words that the instruction avoids.
+        share_told: Fraction of the errors of the best guess from these words that the complete instruction avoids.
         rows: Indices of the demonstrations that were compared.
         instructions: Number of different instructions among them.
     """
@@ -45,12 +45,12 @@ class WholeTest:
 def whole_test(
     instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
 ) -> WholeTest | None:
-    """Return the test of whole instructions against an outcome, or None if there is nothing to compare.
+    """Return the test of complete instructions against an outcome, or None if there is nothing to compare.
 
     Args:
-        instructions: Instruction of each demonstration.
-        outcomes: Outcome of each demonstration.
-        known: For each demonstration, the words already found that it contains, as a text.
+        instructions: Each demonstration's instruction.
+        outcomes: Each demonstration's outcome.
+        known: For each demonstration, the already-found words that it contains, as a text.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -67,7 +67,7 @@ def whole_test(
 
 
 def share_told(joint: _Ints) -> _Floats:
-    """Return the share of the errors of always guessing the most frequent outcome that knowing the category avoids.
+    """Return the fraction of errors of guessing the most frequent outcome that knowing the category avoids.
 
     Each demonstration is guessed from the others of its category (leave-one-out); ties count as half right.
 

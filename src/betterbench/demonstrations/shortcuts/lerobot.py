@@ -1,8 +1,8 @@
 """Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instructions, actions and proprioception.
 
-Such a dataset has no simulator state, so objects have no names, and a place is a point at which a gripper closes or
-opens. The columns of instruction, gripper and place are recognized by name; a dataset with ambiguous names is refused.
-:class:`DataReading` lists the chosen columns.
+These datasets have no simulator state, so objects have no names, and a place is a point where a gripper closes or
+opens. The instruction, gripper and place columns are recognized by name; betterbench rejects a dataset with ambiguous
+names. :class:`DataReading` lists the chosen columns.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Choices:
     """Columns and conventions of a data set given by the user. Other columns are recognized by name.
 
     Attributes:
-        instruction: Column with the instruction, of the frames or of the file of tasks.
+        instruction: Column with the instruction, in the frames or in the tasks file.
         grippers: Gripper components, one per arm.
         places: Position components, the same number for each gripper.
         closed: End of the range at which the grippers are closed.
@@ -88,7 +88,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """Facts of the episodes of a data set, with a description of how they were read."""
+    """Facts about the episodes of a data set, with a description of how they were read."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
@@ -191,7 +191,7 @@ class _Said:
 
     @classmethod
     def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
-        """Return the location of the instructions: the file of tasks, or the column named by the user."""
+        """Return the location of the instructions: the tasks file, or the column named by the user."""
         features = info["features"]
         texts = [
             name
@@ -264,7 +264,7 @@ class _Stretch:
 
 @dataclass(slots=True)
 class _Scanned:
-    """Readable episodes of all files, with the counts of unusable ones.
+    """Readable episodes in all files, with the counts of unusable episodes.
 
     Attributes:
         episodes: The readable ones.
@@ -335,7 +335,7 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
 
 
 def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
-    """Return the segments of at least two frames with an instruction, from run lengths and the codes of texts."""
+    """Return the segments with an instruction and at least two frames, from run lengths and text codes."""
     found, at = [], 0
     for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
         size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
@@ -368,7 +368,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """The values of an episode by arm: of the gripper (T,), and of the place (T, d)."""
+    """An episode's values by arm: gripper (T,), and place (T, d)."""
 
     stretch: _Stretch
     grips: Mapping[str, _Floats]
@@ -425,7 +425,7 @@ def _episode(
     cut: Mapping[str, _Floats],
     used: Mapping[str, Sequence[int]],
 ) -> _Episode:
-    """Return the values of an episode: ``cut`` has the values (T, n) of each column in ``used``."""
+    """Return an episode's values: ``cut`` has the values (T, n) of each column in ``used``."""
 
     def of(number: NamedNumber) -> _Floats:
         return cut[number.column][:, used[number.column].index(number.index)]
@@ -449,10 +449,10 @@ class _Arm:
     Attributes:
         grip: Its gripper.
         place: The components of its position.
-        jaws: Range and polarity of its gripper.
+        jaws: Range and polarity of the arm's gripper.
         closings: Rows in which the gripper closes, by episode.
         openings: Rows in which it opens, by episode.
-        share_closed: Share of all rows in which it is closed.
+        share_closed: Fraction of rows in which the gripper is closed.
         points: Its positions by episode; principal components if its values are not positions.
         span: Range of these points.
     """
@@ -473,7 +473,7 @@ class _Arm:
 
         Args:
             chosen: Its gripper and its place.
-            jaws: Range and polarity of its gripper.
+            jaws: Range and polarity of the arm's gripper.
             episodes: The numbers of all episodes.
             shortest: Minimum number of rows for which a gripper is closed or open.
         """
@@ -533,7 +533,7 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
-            # The first origin is that of the first step, and the last target is that of the last one.
+            # The first origin belongs to the first step, and the last target belongs to the last step.
             origins += [""] * (count - len(origins))
             targets = [""] * (count - len(targets)) + targets
             steps = tuple(ShownStep("", "", a, b) for a, b in zip(origins, targets, strict=True))
@@ -577,7 +577,7 @@ class _Read:
 
     @property
     def listed(self) -> int | None:
-        """Declared number of episodes of the data set, None if it is missing or invalid."""
+        """Number of episodes that the data set declares, None if missing or invalid."""
         total = self.info.get("total_episodes")
         known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
         return total if known else None

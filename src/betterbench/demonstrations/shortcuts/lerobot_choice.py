@@ -1,6 +1,6 @@
 """Choice of the gripper and position components of a LeRobot dataset, by their names.
 
-The dataset is refused if the names are ambiguous.
+A dataset with ambiguous names is rejected.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""Prefix of a component of ``--place`` that is a step: its sum over time is the position."""
+"""Prefix for a ``--place`` component that is a step: its sum over time is the position."""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -37,7 +37,7 @@ class Columns:
         numbers: Components by column.
         parts: Their roles by column.
         where: File with their names.
-        steps: Whether the actions are known to be steps of the tool, so that their sums are places.
+        steps: Whether the actions are known to be tool steps, so that their sums are places.
     """
 
     numbers: Mapping[str, tuple[NamedNumber, ...]]
@@ -88,7 +88,7 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper per arm: those named by the user, or those recognized by name.
+    """Return one gripper per arm: as named by the user, or recognized by name.
 
     Raises:
         InvalidInputError: If no component is recognized as a gripper, or two for one arm.
@@ -131,7 +131,7 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers of a column, one per arm; InvalidInputError if an arm has two."""
+    """Return the grippers in a column, one per arm; InvalidInputError if an arm has two."""
     by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
@@ -244,7 +244,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm of a column that belongs to a gripper; none if ambiguous."""
+    """Return the arm of a gripper's column; none if ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)
@@ -295,7 +295,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return the closed end of a gripper by its name, ``low`` or ``high``, and the word that implies it."""
+    """Return a gripper's closed end by name, ``low`` or ``high``, and the word that implies it."""
     for label in number.labels:
         words = set(tokens(label))
         opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}

@@ -1,7 +1,7 @@
 """Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
 
-The file layout is that of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
-pipes are refused, and Git LFS pointers are reported.
+The file layout is the one of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
+pipes are rejected, and Git LFS pointers are reported.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MOST_BYTES = 8 << 30
 MOST_TASKS = 1_000_000
 """Maximum number of instructions."""
 MOST_TEXT = 2_000
-"""Number of characters of an instruction that are read."""
+"""Number of characters read from an instruction."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
 """Part of Python's error about an integer with too many digits, whose advice concerns Python."""
@@ -49,14 +49,14 @@ _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_descript
 """Columns of ``tasks.parquet`` that may contain the instruction; the first existing one is used."""
 
 FrameColumn = pa.ChunkedArray
-"""A column of a file of frames."""
+"""A column in a frame file."""
 
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is not an ordinary file."""
+    """Tell whether a file is a Git LFS pointer; False if it cannot be read or is not a regular file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -96,7 +96,7 @@ class Tasks:
     Attributes:
         texts: Instructions by index; None for an index without a text.
         source: File of the instructions.
-        others: Columns other than the one that was read.
+        others: The columns that were not read.
     """
 
     texts: Mapping[int, str | None]
@@ -121,7 +121,7 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
 
 
 def task_columns(path: Path) -> tuple[str, ...]:
-    """Return the text columns of the file of instructions; RecordError if the file cannot be read."""
+    """Return the text columns of the instruction file; RecordError if the file cannot be read."""
     _, rows = _task_rows(path)
     return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
 
@@ -147,7 +147,7 @@ def _one_line(where: Path) -> Iterator[None]:
 
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
-    """Return the columns of ``tasks.parquet`` by name, including the index of pandas."""
+    """Return the columns of ``tasks.parquet`` by name, including the pandas index."""
     with _table_of(file) as table:
         if table.metadata.num_rows > MOST_TASKS:
             msg = f"it has {table.metadata.num_rows} rows; at most {MOST_TASKS} are supported"
@@ -161,7 +161,7 @@ def _parquet_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _listed(column: pa.ChunkedArray) -> list[Any]:
-    """Return the values of a column; equal texts share one object."""
+    """Return a column's values; equal texts share one object."""
     flat = column.combine_chunks()
     if not pa.types.is_dictionary(flat.type):
         return list(flat.to_pylist())
@@ -182,7 +182,7 @@ def _json_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects of a text one after the other, including those in a list."""
+    """Yield the JSON objects in a text one after the other, including objects in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
@@ -254,7 +254,7 @@ class Frames:
     """The files with the frames of a data set.
 
     Attributes:
-        files: Readable files, in the order of their names.
+        files: Readable files, in name order.
         pointers: Files that are Git LFS pointers.
     """
 
@@ -294,7 +294,7 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
 
 
 def column_names(file: Path) -> frozenset[str]:
-    """Return the column names of a file of frames; RecordError if it cannot be read."""
+    """Return the column names of a frame file; RecordError if it cannot be read."""
     try:
         _require_file(file)
         with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
@@ -304,7 +304,7 @@ def column_names(file: Path) -> frozenset[str]:
 
 
 def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
-    """Return columns of a file of frames; ``widths`` has the maximum number of values per frame of each column.
+    """Return columns of a frame file; ``widths`` has the maximum number of values per frame for each column.
 
     Raises RecordError if a column is missing, the file is invalid, or it exceeds the limits.
     """

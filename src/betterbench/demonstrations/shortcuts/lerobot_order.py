@@ -1,4 +1,4 @@
-"""Order of the frames of a LeRobot dataset, whose files may be unsorted and whose episodes may span several files."""
+"""Frame order of a LeRobot dataset, whose files may be unsorted and whose episodes may span several files."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class FileOrder:
     """The rows of a file, sorted by episode and by frame.
 
     Attributes:
-        episodes: (rows,) index of the episode of each sorted row.
-        frames: (rows,) value of ``key`` of each sorted row, zeros without a key.
+        episodes: (rows,) episode index of each sorted row.
+        frames: (rows,) ``key`` value of each sorted row, zeros without a key.
         key: Column with the order within an episode; "" if there is none and the order of the file is used.
-        rows: (rows,) row of the file of each sorted row, None if the file is sorted.
+        rows: (rows,) file row of each sorted row, None if the file is sorted.
     """
 
     episodes: _Ints
@@ -47,7 +47,7 @@ class FileOrder:
 
     @classmethod
     def of(cls, file: Path) -> FileOrder:
-        """Return the order of the rows of a file; RecordError if its columns cannot be read."""
+        """Return the row order of a file; RecordError if its columns cannot be read."""
         names = column_names(file)
         keys = [key for key in _KEYS if key in names]
         columns = read_columns(file, dict.fromkeys(("episode_index", *keys), 1))
@@ -112,7 +112,7 @@ _CURE = "Fetch the files again, or remove the duplicate rows"
 
 
 def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
-    """Return the order of the parts of an episode; RecordError if two parts overlap in time."""
+    """Return the order of an episode's parts; RecordError if two parts overlap in time."""
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]

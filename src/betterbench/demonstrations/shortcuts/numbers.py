@@ -1,7 +1,7 @@
-"""Recognition of the components of an external data set by name: gripper, end-effector position, or joint.
+"""Recognition of components in an external data set by name: gripper, end-effector position, or joint.
 
-A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of
-its column, in this order. The position in a vector is not used: the last component may be a waist or a thumb.
+A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by its column's
+name, in this order. The position in a vector is not used: the last component may be a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class NamedNumber:
     """One component of a column.
 
     Attributes:
-        column: Name of the column.
+        column: Column name.
         index: Index of the component in the column.
         name: Its name in ``meta/info.json``, "" if it has none.
         labels: Its names, the most specific one first.
@@ -103,7 +103,7 @@ def arm_in(name: str) -> str:
 
 
 def size_of(feature: object) -> int:
-    """Return the number of components of a column; 0 for images, texts, integers and arrays with more axes."""
+    """Return the number of components in a column; 0 for images, texts, integers and arrays with more axes."""
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
         return 0
     shape = feature.get("shape")
@@ -114,7 +114,7 @@ def size_of(feature: object) -> int:
 
 
 def names_of(feature: object) -> list[str]:
-    """Return the names of the components of a column from nested lists and maps, in order."""
+    """Return the component names of a column from nested lists and maps, in order."""
     found = list(_names(feature.get("names") if isinstance(feature, dict) else None, "", 0))
     return [one_line(name, most=80) for name in found[:MOST_NUMBERS]]
 
@@ -142,7 +142,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
         size = size_of(feature)
         names = names_of(feature)
         if (len(names) == 1 and size > 1) or len(names) > size:
-            names = []  # one name for the whole column, as in openpi's sets, or names of other data
+            names = []  # one name for the complete column, as in openpi's sets, or names of other data
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -191,7 +191,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each component by its label of one level."""
+    """Return the kind of each component, from its label at one level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
     # Numbered but unnamed positions: the first three of a group with the same name are x, y and z.

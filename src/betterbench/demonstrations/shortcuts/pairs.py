@@ -1,4 +1,4 @@
-"""Pairs of words that together determine an outcome, although neither word does alone."""
+"""Word pairs that together determine an outcome, although neither word does alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_WORDS = 200
-"""Maximum number of words whose pairs are tested: those that distinguish the most episodes."""
+"""Maximum number of words that are tested in pairs: the words that distinguish the most episodes."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -26,9 +26,9 @@ class WordPair:
         first: Index of one feature.
         second: Index of the other one.
         outcome: Index of the most frequent outcome where both occur.
-        p_value: The larger of the p-values of two exact tests: that, among episodes with one feature, the outcome is
-            not more frequent with the other feature than without, and vice versa. Corrected for the number of outcomes,
-            and for the number of pairs by Holm (1979).
+        p_value: The larger p-value of two exact tests: whether, in episodes with one feature, the outcome is more
+            frequent with the other feature than without it, and vice versa. Corrected for the number of outcomes, and
+            by Holm (1979) for the number of pairs.
         gain: Share of the outcome's uncertainty, where only one feature occurs, that both together resolve.
     """
 
@@ -42,11 +42,11 @@ class WordPair:
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
     """Return the testable pairs of features with their outcome, the clearest first.
 
-    A feature that occurs exactly where two others occur together is left out: it is such a pair itself.
+    A feature that occurs exactly where two others occur together is left out, because it is such a pair itself.
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
-        outcome: (episodes,) index of the outcome of each episode, from 0.
+        outcome: (episodes,) index of each episode's outcome, from 0.
         fewest: Minimum number of episodes with both features.
     """
     kept = _elements(presence)
@@ -102,8 +102,8 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
     """Return the one-sided p-value of Fisher's exact test that an outcome is more frequent with a feature.
 
     Args:
-        with_it: Number of episodes with the outcome, and of all, among those with the feature.
-        without: The same among those without.
+        with_it: Number of episodes with the outcome, and number of all episodes, among those with the feature.
+        without: The same for episodes without the feature.
         logs: Logarithms of the factorials.
     """
     (k, n), (k_out, n_out) = with_it, without
@@ -123,7 +123,7 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 
 
 def least_share(n: int, tests: int, level: float) -> float | None:
-    """Return the smallest share of episodes following a rule at which a test can be significant.
+    """Return the smallest fraction of episodes following a rule at which a test can be significant.
 
     The rule is between a word in half of the episodes and two equally frequent outcomes. The test is Fisher's,
     one-sided, corrected for the number of tests (pairs and outcomes). None if no share is enough.

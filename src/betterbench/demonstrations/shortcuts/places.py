@@ -15,7 +15,7 @@ NARROW_SHARE = 0.2
 LEAST_SHARE = 0.05
 """Minimum share of all values in a cell."""
 CELLS = 3
-"""Number of cells of an axis without gaps, each with the same number of values."""
+"""Number of cells on an axis without gaps; all cells have the same number of values."""
 SET_OUT_SHARE = 0.1
 """Length of the tool's path, relative to the range of its positions, after which its direction is determined."""
 DIRECTIONS = 8
@@ -26,7 +26,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
-    """Return the mean of some points (n, d), and the two directions (2, d) of largest variance."""
+    """Return the mean of some points (n, d), and their two directions (2, d) of largest variance."""
     used = points[:: max(1, len(points) // _MOST_POINTS)]
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
@@ -44,7 +44,7 @@ def in_plane(points: _Floats, plane: tuple[_Floats, _Floats]) -> _Floats:
 
 
 def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
-    """Return the name of the place of each point: the center of its cell's points.
+    """Return a place name for each point: the center of the points in its cell.
 
     Args:
         points: Points (d,) each, d from 2 to 3; the third coordinate, a height, is cut at gaps only.
@@ -91,7 +91,7 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the first direction of a path, one of eight in the plane, "" if it does not move.
+    """Return the first direction of a path, one of eight in the plane; "" if the path does not move.
 
     Args:
         points: (T, 2) positions.

@@ -1,7 +1,7 @@
-"""Prediction, before training, of the variations that a learner of a dataset will fail, with failure labels.
+"""Prediction, before training, of the variations that a learner trained on a dataset will fail, with failure labels.
 
-The prediction follows only from the audit. The risk of a variation increases with the number and strength of the
-learnable rules that it breaks; a variation that breaks no rule is not at risk.
+The prediction follows only from the audit. A variation's risk increases with the number and strength of the learnable
+rules that it breaks; a variation that breaks no rule is not at risk.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules of two words
-and of whole instructions have the weight of those of single words.
+"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules about two
+words or complete instructions have the same weight as rules about single words.
 
-A rule about the word or object of a pick costs the whole trial; a rule about bystanders rarely matters."""
+A rule about the word or object of a pick costs the complete trial; a rule about bystanders rarely matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -77,7 +77,7 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Labels of the failures of a learner that follows a rule, by question, the most likely first.
+"""Failure labels of a learner that follows a rule, by question, the most likely first.
 
 A variation gets only labels that it can produce.
 """
@@ -100,7 +100,7 @@ class Forecast:
         rank: Rank from 1, the most likely failure.
         risk: 0 to 1; 0 if the variation breaks no rule in the data, or the task has no demonstrations.
         label: The most likely failure label, "" if the risk is 0.
-        because: The rules that it breaks, each with the reason.
+        because: The rules that the variation breaks, each with the reason.
     """
 
     rank: int
@@ -119,10 +119,10 @@ class Prediction:
 
     Attributes:
         source: The audited data.
-        facts_sha256: Hash of the facts of the data.
+        facts_sha256: Hash of the data's facts.
         dataset_sha256: Hash of the demonstrations, "" if there is none.
         tasks: Tasks in the data.
-        variations: One per variation of these tasks, in the order of the ranking.
+        variations: One prediction per variation of these tasks, in ranking order.
         sha256: Hash of all other fields.
     """
 
@@ -156,7 +156,7 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Return the predicted failures of a learner of the dataset on the audited tasks, the most likely first.
+    """Return the predicted failures of a learner trained on the dataset, for the audited tasks, the most likely first.
 
     Raises InvalidInputError if no audited group is a known task.
     """
@@ -234,7 +234,7 @@ def _signature_of(path: Path) -> Path:
 
 
 def sign(path: Path, key: Path) -> Path:
-    """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the file of the signature.
+    """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the signature file.
 
     Raises:
         MissingDependencyError: If ssh-keygen is not installed.

@@ -1,4 +1,4 @@
-"""Questions of the audit: pairs of variables that may be associated, and their values in a demonstration."""
+"""Audit questions: pairs of variables that may be associated, and their values in a demonstration."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Question:
         name: Its name in files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second, inferred one as ``{y}``.
-        pairs: The observations of a demonstration; its second argument is the kinds ever handled, None for all kinds.
+        pairs: A demonstration's observations; its second argument is the kinds ever handled, None for all kinds.
         within: Whether observations are permuted within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
@@ -34,7 +34,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the kinds of object that are ever picked."""
+    """Return the object kinds that are ever picked."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 
@@ -104,15 +104,15 @@ QUESTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Property of a demonstration ("outcome") that words of the instruction may predict.
+    """Property of a demonstration ("outcome") that instruction words may predict.
 
     Attributes:
         name: Name of the question about single words.
         what: The outcome in words.
         rule: Text of a finding, with the outcome as ``{y}``.
-        of: The outcome of a demonstration, "" if it has none.
+        of: A demonstration's outcome, "" if it has none.
         missing: Reason for a message if no demonstration has the outcome.
-        is_place: Whether it is a place, a direction or a side, which a word such as "left" can mean.
+        is_place: Whether the outcome is a place, direction or side, which a word such as "left" can mean.
     """
 
     name: str
@@ -123,11 +123,11 @@ class WordOutcome:
     is_place: bool = True
 
     def question(self, level: str) -> str:
-        """Return the name of the question about words, pairs of words or whole instructions."""
+        """Return the name of the question about words, word pairs or complete instructions."""
         return self.name + level
 
     def title(self, level: str) -> str:
-        """Return the title of the question about words, pairs of words or whole instructions."""
+        """Return the title of the question about words, word pairs or complete instructions."""
         return f"{_LEVELS[level]} and {self.what}"
 
 
@@ -143,31 +143,32 @@ def _is_named(facts: EpisodeFacts) -> bool:
 
 
 def _first_object(facts: EpisodeFacts) -> str:
-    """Return the object that is picked first of several, or a single object that the instruction does not name."""
+    """Return the object that is picked first of several, or the only object if the instruction does not name it."""
     taken = [step for step in facts.steps if step.thing and step.origin]
     several = len({step.thing for step in taken}) > 1
     return taken[0].thing if taken and (several or not instruction_words(taken[0].word) & facts.words) else ""
 
 
 def _sequence(facts: EpisodeFacts) -> str:
-    """Return the order of the objects of a demonstration, or of their origins if they are unnamed."""
+    """Return the order of a demonstration's objects, or of their origins if the objects have no names."""
     taken = [step.thing if _is_named(facts) else step.origin for step in facts.steps if step.origin]
     order = list(dict.fromkeys(name for name in taken if name))
     return ", then ".join(order) if len(order) > 1 else ""
 
 
 COUNT, LANDMARK = "count", "landmark"
-"""Names of the questions whether the number of objects at the start, or the slot of a landmark, is constant.
+"""Names of the questions about whether the number of objects at the start, or a landmark's slot, is constant.
 
 They are not associations and need no test.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
-"""Questions about every word of the instructions: first and last position of the gripper's actions, its first
-direction, the first object, the order of objects, and the arm."""
+"""Questions about every instruction word: first and last position of the gripper's actions, its first direction, the
+first object, the order of objects, and the arm.
+"""
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"
-"""Suffixes of the names of questions about single words, pairs of words and whole instructions."""
+"""Name suffixes for questions about single words, word pairs and complete instructions."""
 _LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
 
 _NO_GRASP = "no demonstration has this outcome"
@@ -194,9 +195,12 @@ WORD_OUTCOMES = {
         WordOutcome(ARM, "arm", "the {y} closes its gripper first", _arm, "no arms are compared"),
     )
 }
-"""The outcomes with which words, pairs of words and whole instructions are compared."""
+"""Outcomes with which words, word pairs and complete instructions are compared."""
 
 
 def base_of(question: str) -> str:
-    """Return the question about single words for one about pairs or whole instructions; others unchanged."""
+    """Return the single-word question for a question about pairs or complete instructions.
+
+    Others are returned unchanged.
+    """
     return question.removesuffix(PAIRS).removesuffix(WHOLE)

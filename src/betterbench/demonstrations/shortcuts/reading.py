@@ -1,4 +1,4 @@
-"""Description of the data of an audit: episodes, instructions, grippers and places that were read or left out."""
+"""Description of an audit's data: episodes, instructions, grippers and places that were read or left out."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class GripperReading:
         high: Largest value, without the highest 1 %.
         closed: Closed end of the range: ``low`` or ``high``.
         because: Reason for that side.
-        share_closed: Share of all frames in which it is closed.
-        never: Number of episodes in which it never closes.
+        share_closed: Fraction of frames in which the gripper is closed.
+        never: Number of episodes in which the gripper never closes.
     """
 
     arm: str
@@ -35,13 +35,13 @@ class GripperReading:
 
 @dataclass(frozen=True, slots=True)
 class PlaceReading:
-    """Source of the places of one arm.
+    """Source of one arm's places.
 
     Attributes:
         arm: Their arm, "" if there is only one.
         source: Columns and components that were read, with the reason.
-        space: Kind of the values of a place: ``position``, ``joints`` (two principal components of the joints),
-            ``numbers`` (two principal components of unnamed values) or ``steps`` (sums of the actions).
+        space: Kind of place values: ``position``, ``joints`` (two principal components of the joints), ``numbers`` (two
+            principal components of unnamed values) or ``steps`` (sums of the actions).
     """
 
     arm: str
@@ -55,10 +55,10 @@ class DataReading:
 
     Attributes:
         episodes: Number of episodes that were read.
-        of: Declared number of episodes of the data set.
+        of: Number of episodes that the data set declares.
         observations: Unit of comparison: episodes, or their segments with one instruction each.
         instruction: Source of the instructions, and their number.
-        grippers: One per arm; none for records of betterbench, because their states contain the grasps.
+        grippers: One entry per arm; none for betterbench records, because their states contain the grasps.
         places: One per arm.
         about: Further sentences about the sources.
         left_out: Data that were not read, with the reason.
@@ -76,7 +76,7 @@ class DataReading:
     warnings: tuple[str, ...] = ()
 
     def sentences(self) -> Iterator[str]:
-        """Yield the sentences of the first paragraph of every audit."""
+        """Yield the sentences of every audit's first paragraph."""
         yield f"Read: {self.episodes:,} of {how_many(self.of, 'episode')}{self.observations}."
         yield f"Instruction: {self.instruction}."
         for found in self.grippers:

@@ -1,4 +1,4 @@
-"""Facts of a record, derived from its first state and its instruction instead of the condition's name."""
+"""Record facts, derived from its first state and its instruction instead of the condition's name."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from betterbench.tasks.interventions.listed_regimes import every_listed_conditio
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
-"""Largest distance of a settled object from the jitter region of its slot [m]."""
+"""Largest distance from a settled object to the jitter region of its slot [m]."""
 AT_TARGET_M = 0.20
 """Horizontal distance from its target within which a pre-placed object counts as at the target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: of training, of the variations, and of the listed regimes."""
+    """Return all conditions of a task: training, variations, and the listed regimes."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 
@@ -33,7 +33,7 @@ def every_condition(task: Task) -> tuple[Condition, ...]:
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
     """Return the conditions that match a record's instruction and first state.
 
-    A start consists of the kinds of objects, the slot of each, the objects already at a target, and the open drawers.
+    A start consists of the object kinds, each object's slot, the objects already at a target, and the open drawers.
     Names are not compared.
     """
     task = get_task(record.metadata.task)
@@ -84,7 +84,7 @@ def _is_near_one(state: WorldState, targets: Sequence[str], name: str) -> bool:
 def facts_of_run(
     run: RunFolder, trials: Sequence[TrialId], *, conditions: Callable[[Task], tuple[Condition, ...]] = every_condition
 ) -> Iterator[tuple[TrialId, EpisodeFacts]]:
-    """Yield the facts of each record, with its possible conditions.
+    """Yield each record's facts, with its possible conditions.
 
     Raises RecordError if a record cannot be read, or matches no condition.
     """
@@ -100,7 +100,7 @@ def facts_of_run(
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return the description of the data of a run from its successful trials."""
+    """Return a description of a run's data, from its successful trials."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

@@ -1,7 +1,7 @@
 """Smallest rule that an audit would have found: its sensitivity with the given number of demonstrations.
 
 The sensitivity is estimated with planted data, which keep the frequencies of words and outcomes in the real data and
-therefore the same permutations, correction and threshold. In a share of the demonstrations, the outcome follows from
+therefore the same permutations, correction and threshold. In a fraction of the demonstrations, the outcome follows from
 the word or the object; in the others, it is random. The smallest share that is found often enough is reported.
 """
 
@@ -51,7 +51,7 @@ class RuleCounts:
     """Criterion by which an audit reports a significant association.
 
     Attributes:
-        strong: Strength from which every association is reported.
+        strong: Strength at and above which every association is reported.
         certain: Test for weaker associations to report.
     """
 
@@ -64,14 +64,14 @@ class SmallestRule:
     """The smallest rule of one question that the audit would have found.
 
     Attributes:
-        question: Name of the question.
+        question: Question name.
         title: The question in words.
         n: Number of demonstrations, or observations in them, that the test compares.
         noun: Noun for these observations.
-        least_share: Smallest share of them in which the rule decides the outcome, with the others random, such that the
-            audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule without
-            exceptions is found.
-        strong_share: Smallest share from which a rule is strong enough to report, with the same probability, for any
+        least_share: Smallest fraction of them for which the audit finds the rule in at least :data:`POWER` of all data
+            sets with these counts, if the rule decides the outcome in this fraction and the others are random; None if
+            not even a rule without exceptions is found.
+        strong_share: Smallest fraction at which a rule is strong enough to report, with the same probability, for any
             p-value: the limit with more demonstrations.
         sentence: Meaning of ``least_share``, in words.
     """
@@ -86,7 +86,7 @@ class SmallestRule:
 
     @property
     def too_few(self) -> bool:
-        """Whether there are too few demonstrations to find every strong rule, by more than one step."""
+        """Whether too few demonstrations exist to find every strong rule, by more than one step."""
         if self.least_share is None:
             return True
         return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return the meaning of a share, in words."""
+    """Return what a fraction means, in words."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:
@@ -122,16 +122,16 @@ def most_permutations(level: float, tests: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """Data with a planted rule: the counts of a question, with its outcomes arranged so that a rule is true.
+    """Data with a planted rule: a question's counts, with the outcomes arranged so that the rule holds.
 
     Attributes:
         y: (n,) outcome of each observation.
         perfect: (n,) first values arranged so that they determine the outcomes as far as their counts allow.
-        block: (n,) index of the unit of each observation; the rule applies to whole units.
+        block: (n,) index of each observation's unit; the rule applies to complete units.
         sizes: Numbers of different first and second values.
         within: Whether first values are permuted within each unit, or between units.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
-        expected: Mutual information by chance [bit].
+        expected: Mutual information at chance [bit].
     """
 
     y: _Ints
@@ -143,7 +143,7 @@ class Planted:
     expected: float
 
     def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
-        """Return planted first values, (rows, n): those of a share of the units unchanged, the others random."""
+        """Return planted first values, (rows, n): unchanged for a fraction of the units, random for the others."""
         units = int(self.block.max()) + 1
         free = units - round(share * units)
         chosen = np.argsort(draw.random((rows, units)), axis=1)[:, :free]
@@ -167,7 +167,7 @@ class Planted:
         return float(np.partition(self.null, place)[place])
 
     def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
-        """Return the share of planted data sets in which the audit finds a rule that decides a share of the units."""
+        """Return the fraction of planted data sets in which the audit finds a rule for a fraction of the units."""
         replicates = 1 if share >= 1.0 else REPLICATES
         at_once = max(1, _CHUNK // max(len(self.y), self.sizes[0] * self.sizes[1]))
         found = 0
@@ -209,7 +209,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
     Args:
         presence: (episodes, words) whether an episode contains a word.
-        outcome: The outcome of each episode.
+        outcome: Each episode's outcome.
         found: Finding on each word.
         null: (PERMUTATIONS,) the largest mutual information of any word [bit].
     """
@@ -302,7 +302,7 @@ def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
 
 
 def shares_line(rules: Iterable[SmallestRule]) -> str:
-    """Return the questions with their smallest rule in one line; those without any findable rule come first."""
+    """Return the questions with their smallest rule in one line; questions without any findable rule come first."""
     groups: dict[float | None, list[str]] = {}
     for rule in rules:
         groups.setdefault(rule.least_share, []).append(rule.title)

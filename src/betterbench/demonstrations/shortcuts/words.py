@@ -1,9 +1,9 @@
-"""The words of an instruction, in any script.
+"""An instruction's words, in any script.
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
-and Burmese have no such spaces, and finding words there needs a dictionary. Instead, every run of up to :data:`LONGEST`
-characters counts as a word. One of these runs is the word itself, or distinguishes it as well as the word does, and
-runs that always occur together are one finding. Emoji and other symbols are separate words.
+and Burmese have no such spaces, and finding words there requires a dictionary. Instead, every run of up to
+:data:`LONGEST` characters counts as a word. One of these runs is the word itself, or distinguishes it as well as the
+word does, and runs that always occur together are one finding. Emoji and other symbols are separate words.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 
 LONGEST = 4
-"""Maximum length of a run that counts as a word in a script without spaces [characters]."""
+"""Maximum length of a character run that is treated as a word in a script without spaces [characters]."""
 
 _NO_SPACES = re.compile(
     "[\u0e00-\u0e7f\u0e80-\u0eff\u1000-\u109f\u1780-\u17ff\u3005-\u3007\u3040-\u30ff\u31f0-\u31ff"
@@ -26,17 +26,17 @@ _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
 
 
 def instruction_words(text: str) -> frozenset[str]:
-    """Return the words of a text, independent of case and Unicode form."""
+    """Return the words in a text, independent of case and Unicode form."""
     return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
 
 
 def is_spaced(word: str) -> bool:
-    """Tell whether a word is from a script with spaces, and not a run of characters."""
+    """Tell whether a text is a word from a script with spaces, as opposed to a run of characters."""
     return not _NO_SPACES.search(word)
 
 
 def shown_as(words: Iterable[str], text: str) -> str:
-    """Return the text for some words that always occur together, in the order of the text.
+    """Return the text for some words that always occur together, in text order.
 
     For runs of characters, the short ones are shown, with overlapping runs merged.
     """
@@ -59,7 +59,8 @@ def shown_as(words: Iterable[str], text: str) -> str:
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
     """Return the words without runs of characters that join two words and add no information.
 
-    Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these in more texts.
+    Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these two parts
+    occurs in more texts.
 
     Args:
         where: The texts that contain each word: one bit per text.
@@ -78,7 +79,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Tell whether a run of characters of one is part of a run of the other; never for words with spaces."""
+    """Tell whether two runs of characters overlap in a common part; never for words with spaces."""
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 
@@ -207,7 +208,7 @@ _BESIDE_PLACES = frozenset(
 
 
 def names_a_place(words: Iterable[str]) -> bool:
-    """Tell whether words that always occur together name a place, such as "left", and nothing else.
+    """Tell whether words that always occur together all name a place, such as "left".
 
     For runs of characters, one run that names a place is enough: the runs around it are part of it.
     """
@@ -216,7 +217,7 @@ def names_a_place(words: Iterable[str]) -> bool:
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return the given words that a text contains, in the order of the text, as one text."""
+    """Return the given words that a text contains, in text order, as one text."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()
@@ -226,7 +227,7 @@ def in_order(text: str, wanted: Iterable[str]) -> str:
 
 
 def places_named(text: str) -> str:
-    """Return the words of a text that name a place, in their order, as one text."""
+    """Return the place words in a text, in their order, as one text."""
     return in_order(text, _PLACES)
 
 

@@ -1,1 +1,1 @@
-"""Teleoperation: a person demonstrates in the browser, and the record is the same as that of any demonstration."""
+"""Teleoperation: a person demonstrates in the browser, and the record has the same form as any demonstration."""

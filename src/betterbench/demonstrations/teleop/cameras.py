@@ -39,7 +39,7 @@ class CameraThread:
         show: Callable[[str, np.ndarray], None],
         complain: Callable[[str], None],
     ) -> None:
-        """Start rendering; ``show`` gets the name of a camera and its image, (height, width, 3) uint8."""
+        """Start rendering; ``show`` gets a camera's name and its image, (height, width, 3) uint8."""
         self._cameras, self._show, self._complain = tuple(cameras), show, complain
         self._newest: _Frame | None = None
         self._wake = threading.Condition()

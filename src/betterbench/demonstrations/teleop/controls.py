@@ -1,7 +1,8 @@
 """Inputs of the operator, collected from browser and devices between control steps; callable from any thread.
 
-One page drives, the first that is opened; others watch until one of them takes over. Input from a page or a device can
-neither block nor break the loop: unreadable input is reported in one line, and held keys that are not renewed expire.
+One page controls the robot, the first one opened; others watch until one of them takes over. Input from a page or
+device can neither block nor break the loop: unreadable input is reported in one line, and held keys that are not
+renewed expire.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ KEYS: dict[str, tuple[int, float]] = {
 """Component and sign of each motion key: forward, left, up, roll, pitch and yaw, seen from the viewer."""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 GAMEPAD_TAPS: dict[int, Tap] = {0: "gripper", 1: "undo", 9: "save"}
-"""Actions of the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
+"""Actions triggered by the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
 SLOW = 0.25
 """Speed factor while Shift is held."""
 
@@ -56,8 +57,8 @@ class ControlInput:
 
     Attributes:
         taps: Buttons and keys, in order.
-        drag: Pose to which the gizmo was dragged, or the pose of a leader arm; None without both.
-        is_dragging: Whether the gizmo is still held.
+        drag: Pose to which the gizmo was dragged, or a leader arm's pose; None without both.
+        is_dragging: Whether the user is still dragging the gizmo.
         push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the viewer, each in
             [-1, 1].
         closed: Whether a leader arm's gripper is closed; None without one.
@@ -98,7 +99,7 @@ class Controls:
     _tool: Pose | None = None
 
     def connected(self, page: int) -> bool:
-        """Register a page that was opened, and return whether it drives."""
+        """Register a page that was opened, and return whether it controls the robot."""
         with self._lock:
             self._pages.append(page)
             if self.driver is None:
@@ -106,7 +107,7 @@ class Controls:
             return self.driver == page
 
     def disconnected(self, page: int) -> bool:
-        """Unregister a page that was closed and release its keys; return whether it drove."""
+        """Unregister a page that was closed and release its keys; return whether it controlled the robot."""
         with self._lock:
             self._pages = [p for p in self._pages if p != page]
             self._counts.pop(page, None)
@@ -132,7 +133,7 @@ class Controls:
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
-        """Register the pose of the gizmo; False if the page does not drive."""
+        """Register the gizmo's pose; False if the page does not control the robot."""
         with self._lock:
             if page != self.driver:
                 return False
@@ -162,7 +163,7 @@ class Controls:
             return True
 
     def pushed(self, device: str, values: Sequence[float], now_s: float) -> None:
-        """Register the deflection of a device: six numbers in [-1, 1]; non-finite values are ignored."""
+        """Register a device's deflection: six numbers in [-1, 1]; non-finite values are ignored."""
         with self._lock:
             if len(values) != 6 or not all(map(math.isfinite, values)):
                 self._tell(f"{device}: a number is not finite and was ignored; the arm does not move")
@@ -171,7 +172,7 @@ class Controls:
             self._pushes[device] = _Push(tuple(calmed(v) for v in values), now_s)
 
     def led(self, pose: Pose, *, closed: bool) -> None:
-        """Register the pose of a leader arm; non-finite values are ignored."""
+        """Register a leader arm's pose; non-finite values are ignored."""
         with self._lock:
             if is_finite(pose):
                 self._drag, self._closed = pose, closed
@@ -190,7 +191,7 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm started following, and the tool's target then; None before the start."""
+        """Return how often a leader arm started following, and the tool target at that time; None before the start."""
         with self._lock:
             return self._grip, self._tool
 

@@ -1,7 +1,7 @@
-"""Gamepads and SpaceMice connected to the machine on which betterbench runs, read from the kernel.
+"""Gamepads and SpaceMice connected to the machine that runs betterbench, read from the kernel.
 
-Devices at the user's own computer are read by the page. This module implements the input protocol of Linux
-(``linux/input.h``: events of 24 bytes) and its gamepad specification, so no library is needed.
+Devices at the user's own computer are read by the page. This module implements the Linux input protocol
+(``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Device:
 
 
 def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
-    """Return the gamepads and SpaceMice of this machine, from the kernel's description of its input devices."""
+    """Return the gamepads and SpaceMice connected to this machine, from the kernel's list of input devices."""
     found = []
     for entry in sorted(root.glob("event*")):
         about = entry / "device"
@@ -75,7 +75,7 @@ def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
 
 
 def _has_key(words: Sequence[str], key: int) -> bool:
-    """Tell whether a bit is set in the words of a capability: 64-bit hexadecimal words, the highest first."""
+    """Tell whether a bit is set in the words of a capability: 64-bit hexadecimal words, most significant word first."""
     index = len(words) - 1 - key // 64
     return index >= 0 and bool(int(words[index], 16) >> (key % 64) & 1)
 

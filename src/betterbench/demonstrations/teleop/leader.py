@@ -1,7 +1,7 @@
 """A LeRobot leader arm, read by lerobot's own teleoperator class and followed by the simulated arm's tool.
 
-The leader has five joints and another reach than the robot. The robot therefore follows the leader's tool: the motion
-of this tool since the start of following, in the frame of the leader's base, is applied to the robot's tool.
+The leader has five joints and another reach than the robot. The robot therefore follows the leader's tool: the tool's
+motion since following began, in the leader's base frame, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ LEADERS = ("so101_leader", "so100_leader")
 """Leader arms with known kinematics."""
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 SCALE = 1.5
-"""Motion of the robot's tool per motion of the leader's tool: about the ratio of their reaches."""
+"""Motion of the robot's tool per unit of leader tool motion: about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
-"""Positions of the leader's gripper (0 closed to 100 open) at which the robot's gripper closes and opens."""
+"""Leader gripper positions (0 closed to 100 open) at which the robot's gripper closes and opens."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
 """Maximum number of consecutive failed readings before the leader is disconnected: half a second."""
 
-# Screws of the SO-101 with all joints at zero, new calibration (TheRobotStudio SO-ARM100, so101_new_calib.xml,
-# Apache-2.0): a point on each axis [m] and its direction, and the resulting position of the gripper's center.
+# SO-101 joint screws with all joints at zero, new calibration (TheRobotStudio SO-ARM100, so101_new_calib.xml,
+# Apache-2.0): a point on each axis [m], the axis direction, and the resulting position of the gripper's center.
 _SCREWS: tuple[tuple[Vector, Vector], ...] = (
     ((0.03884, 0.0, 0.0624), (0.0, 0.0, -1.0)),
     ((0.06923, -0.01828, 0.1166), (0.0, 1.0, 0.0)),
@@ -57,7 +57,7 @@ def leader_tool(degrees: Mapping[str, float]) -> Pose:
 
 
 class Follower:
-    """Conversion of a leader's readings to target poses of the robot's tool, relative to the poses at ``take_hold``."""
+    """Conversion of leader readings to target poses for the robot's tool, relative to the poses at ``take_hold``."""
 
     def __init__(self) -> None:
         """Prepare; :meth:`take_hold` starts following."""
@@ -66,7 +66,7 @@ class Follower:
         self._closed = False
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Start following from here: ``T_base_tcp`` of the robot, and the tool of the leader."""
+        """Start following from here: the robot's ``T_base_tcp``, and the leader's tool."""
         self._robot, self._leader = robot, leader
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose, bool]:

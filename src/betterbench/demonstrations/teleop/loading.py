@@ -23,11 +23,11 @@ class SessionLoader:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a session is being made."""
+        """Whether a session is being created."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:
-        """Begin to make the session of a start. The previous session must have been taken."""
+        """Begin to create the session for a start. The previous session must have been taken."""
         if not self._apart:
             self._made = self._make(start)
             return
@@ -35,7 +35,10 @@ class SessionLoader:
         self._thread.start()
 
     def take(self) -> TeleopSession | None:
-        """Return the finished session, or raise the error of making it; None while it is being made."""
+        """Return the finished session, or raise the error that occurred while creating it.
+
+        None while it is being created.
+        """
         if self.is_busy:
             return None
         self._thread = None

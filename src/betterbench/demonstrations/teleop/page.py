@@ -1,8 +1,8 @@
 """Page in the browser: scene in 3-D, gizmo, panel and camera images.
 
 viser only serves the page, and the page connects only to this process. Input goes into the
-:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither waits for
-the other.
+:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither side waits
+for the other.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from betterbench.quoting import markup_text
 
 GIZMO = "/tool"
 GIZMO_M = 0.20
-"""Length of the arrows of the gizmo [m]."""
+"""Length of the gizmo's arrows [m]."""
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 """Initial position and target of the view [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300
@@ -40,15 +40,15 @@ class PanelState:
         title: Headline: the demonstration, and the number of saved ones.
         subgoals: Text of each subgoal, and whether it is done.
         share: Used share of the episode's steps.
-        status: State of the episode, in a few words.
+        status: Episode state, in a few words.
         tone: "go", "wait", "good" or "bad": the color of the status.
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
         said: The last messages, newest last.
-        undo_to: Name of the moment to which an undo returns.
+        undo_to: Moment name to which an undo returns.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Height of the tool above the table, in words; "" if there is none.
-        images: Note on camera images that are late; "" if they come in time.
+        images: Note that camera images are late; "" if they are on time.
     """
 
     title: str
@@ -94,12 +94,15 @@ class Page:
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token."""
+        """The page address, with its token."""
         return self._page.url
 
     @property
     def view_yaw(self) -> float:
-        """Heading [rad] in which the driving page looks, seen from above; 0 is away from the robot's base."""
+        """Viewing direction of the page that controls the robot [rad], seen from above.
+
+        A value of 0 points away from the robot's base.
+        """
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:
             return 0.0
@@ -119,11 +122,11 @@ class Page:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it still waits for a page to close."""
+        """Whether the session still waits for a page to close."""
         return self._page.is_busy
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
-        """Show the bodies of another scene, given as GLB by index."""
+        """Show another scene's bodies, given as GLB by index."""
         with self._server.atomic():
             for node in self._bodies.values():
                 node.remove()
@@ -131,7 +134,7 @@ class Page:
             self._bodies = {n: self._server.scene.add_glb(f"/bodies/{n}", data) for n, data in files.items()}
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo; None keeps the pose of a drag."""
+        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo; None keeps the dragged pose."""
         with self._server.atomic():
             for number, node in self._bodies.items():
                 pose = np.concatenate([positions[number], quaternions[number]]).round(5)
@@ -160,7 +163,7 @@ class Page:
             self._save.disabled = not shown.can_save
 
     def show_image(self, camera: str, image: np.ndarray) -> None:
-        """Show the image of a camera, (height, width, 3) uint8; called by the thread that renders."""
+        """Show a camera's image, (height, width, 3) uint8; called by the thread that renders."""
         self._images[camera].image = image
 
     def _connected(self, client: Any) -> None:  # noqa: ANN401 - viser's
@@ -172,7 +175,7 @@ class Page:
         self._controls.disconnected(client.client_id)
 
     def _tell(self, page: int, *, again: bool = False) -> None:
-        """Tell a page that it does not drive, at most once per interval."""
+        """Tell a page that it does not control the robot, at most once per interval."""
         now = time.monotonic()
         client = self._server.get_clients().get(page)
         if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):
@@ -265,7 +268,7 @@ _COLORS = {"go": "#2e86de", "wait": "#8395a7", "good": "#20bf6b", "bad": "#eb3b5
 
 
 def _head(shown: PanelState) -> str:
-    """Return the upper part of the panel: the instruction, and the state of the subgoals."""
+    """Return the upper part of the panel: the instruction, and the subgoal states."""
     rows = "".join(
         f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
         f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"

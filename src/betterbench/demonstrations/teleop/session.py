@@ -2,7 +2,7 @@
 
 Commands use the same action space as any policy, so the record is an ordinary one. The session stores the complete
 state at the start and whenever a subgoal has been reached. Undo returns to the last of these moments and drops
-everything after it: the record is that of an episode without the undone steps.
+everything after it: the record looks like an episode without the undone steps.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ RESTING_M_S = 0.01
 FINGERS_STILL_M = 0.0005
 """Change of the opening width per control step below which the fingers are still [m]."""
 STUCK_M = 0.035
-"""Distance of the tool from its goal from which the arm is stuck [m]; the controller allows 0.05."""
+"""Distance between the tool and its goal at which the arm is considered stuck [m]; the controller allows 0.05."""
 STUCK_STEPS = 10
 """Control steps with this distance after which the arm is stuck: 0.5 s."""
 SAME_MOMENT_STEPS = 20
@@ -57,7 +57,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: the number of rows, and the complete state of scene and steering."""
+    """Moment to which an undo can return: the number of rows, and the complete state of the scene and the steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -82,7 +82,7 @@ class TeleopSession:
     """One episode in one scene, driven by an operator."""
 
     def __init__(self, scene: Scene) -> None:
-        """Set the scene to the start of its trial; PremiseError if it contradicts the premise of the instruction.
+        """Set the scene to the start of its trial; PremiseError if it contradicts the instruction's premise.
 
         The scene should be new: earlier episodes in it can change the last bits of its contact forces.
         """
@@ -113,7 +113,7 @@ class TeleopSession:
 
     @property
     def steps(self) -> int:
-        """Control steps taken, without those undone."""
+        """Control steps taken, without undone steps."""
         return len(self._rows) - 1
 
     @property
@@ -129,7 +129,7 @@ class TeleopSession:
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
-        """Tell whether a step would change nothing: the arm is at its goal, and nothing moves or is due."""
+        """Tell whether a step would change nothing: the arm is at its goal, nothing moves, and nothing is pending."""
         state, truth = self.state, self.truth
         fingers = [row.state.finger_width_m for row in self._rows[-2:]]
         if max(fingers) - min(fingers) > FINGERS_STILL_M or truth.goal or not arm_still(state):
@@ -169,7 +169,7 @@ class TeleopSession:
         return state
 
     def undo(self) -> str:
-        """Return to the last moment at which a subgoal was reached, or to the start, and return its name.
+        """Return to the last moment at which a subgoal was reached, or to the start; return the moment's name.
 
         If nothing has happened since this moment, return to the moment before.
         """
@@ -184,7 +184,7 @@ class TeleopSession:
         self._come_back(self._moments[0])
 
     def record(self, name: str) -> Record:
-        """Return the record of the episode so far, demonstrated by ``name``; InvalidInputError for an invalid name.
+        """Return the episode record so far, demonstrated by ``name``; InvalidInputError for an invalid name.
 
         Its segments are not set yet.
         """
@@ -213,7 +213,7 @@ class TeleopSession:
         return builder.finish(termination=termination, success=success, error=error, clipped_actions=clipped)
 
     def finished(self, name: str) -> DemonstrationAttempt:
-        """Return the record with its segments, and whether it meets all conditions of a set of demonstrations.
+        """Return the record with its segments, and whether it meets all conditions for a demonstration set.
 
         For this check the scene continues briefly without recording, and then returns. Raises the errors of
         :meth:`record`.

@@ -38,7 +38,7 @@ SAID_LINES = 3
 
 
 class Display(Protocol):
-    """Display of a teleoperation, such as the page in the browser."""
+    """Display for a teleoperation session, such as the page in the browser."""
 
     @property
     def view_yaw(self) -> float:
@@ -77,7 +77,7 @@ class Station:
             store: Store of the demonstrations.
             controls: Input of the operator.
             display: Output.
-            name: Name of the demonstrator.
+            name: Demonstrator name.
             cameras: Renderer of the live images.
             loads_apart: Make scenes in a thread, which lets the loop continue and end at any time.
         """
@@ -109,12 +109,12 @@ class Station:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a thread is making a scene."""
+        """Whether a thread is creating a scene."""
         return self._loader.is_busy
 
     @property
     def is_loading(self) -> bool:
-        """Whether the scene of the start is being made."""
+        """Whether the start scene is being created."""
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
@@ -316,7 +316,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return the note that the camera images are late; empty if they are not."""
+        """Return a note that the camera images are late; empty if they are not."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

@@ -1,4 +1,4 @@
-"""Steering: the action of one control step toward a target of the tool, within reach and at a bounded speed."""
+"""Steering: the action of one control step toward a tool target, within reach and at a limited speed."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """State of the steering between control steps: the current speed of the commanded pose [m/s]."""
+    """Steering state between control steps: the current speed of the commanded pose [m/s]."""
 
     speed_m_s: float = 0.0
 
@@ -101,7 +101,7 @@ class Steering:
 
 
 def is_finite(pose: Pose) -> bool:
-    """Tell whether all numbers of a pose are finite and its quaternion is a rotation."""
+    """Tell whether all numbers in a pose are finite and its quaternion is a rotation."""
     numbers = (*pose.position, *pose.quaternion)
     return all(map(math.isfinite, numbers)) and sum(v * v for v in pose.quaternion) > 1e-6
 

@@ -27,7 +27,7 @@ from betterbench.tasks import Expected, get_task
 from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
-"""Default first seed of teleoperated demonstrations, far from those of other demonstrators."""
+"""Default first seed for teleoperated demonstrations, far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
 """Failures that do not prevent a person from saving a demonstration. The demonstration contains the failure."""
 
@@ -39,7 +39,7 @@ class TeleopPlan:
     Attributes:
         tasks: Names of the tasks.
         demos: Demonstrations per training condition.
-        condition: The one training condition, or None for all.
+        condition: The only training condition, or None for all.
         first_seed: Seed from which starts are chosen.
         quality: Render preset of the stored scenes.
     """
@@ -51,7 +51,7 @@ class TeleopPlan:
     quality: str = "standard"
 
     def starts(self) -> tuple[Start, ...]:
-        """Return the planned starts, those of all conditions in turn.
+        """Return the planned starts, alternating between all conditions.
 
         Raises:
             InvalidInputError: If a number is out of range, or no task has the condition.
@@ -129,7 +129,7 @@ class DemonstrationStore:
         return Scene(task, task.train(start.condition), seed=start.seed, action_space=EE_DELTA, quality=quality)
 
     def save(self, start: Start, scene: Scene, attempt: DemonstrationAttempt, wall: dict[str, float]) -> Path:
-        """Write a demonstration durably, and return the file of its record.
+        """Write a demonstration durably, and return its record's file.
 
         Raises:
             InvalidInputError: If it did not succeed.
@@ -150,7 +150,7 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Tell whether a demonstration may be saved: it succeeded and stayed successful."""
+    """Tell whether a demonstration can be saved: it succeeded and remained successful."""
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 

@@ -1,6 +1,6 @@
 """Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
-A grasp shows the target of a policy. After the last grasp, only the path of the empty gripper shows it. The gripper may
+A grasp shows a policy's target. After the last grasp, only the empty gripper's path shows it. The gripper may
 stay over an object, return to an object repeatedly, or move to and fro between several objects.
 """
 
@@ -50,7 +50,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """First and last row of a stay of an open gripper over an object; passing over the object does not count."""
+    """First and last row during which an open gripper stays over an object; passing over the object does not count."""
 
     start: int
     end: int
@@ -224,7 +224,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first span, after a given row, in which a gripper closed on nothing is within reach of an object."""
+    """Return the first span after a row in which a gripper that closed on nothing is within reach of an object."""
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
@@ -272,7 +272,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper pushes an object, and the object, in order of time.
+    """Return the rows in which an empty gripper pushes an object, and the object, in time order.
 
     An object that moves while the gripper is still closed on it is carried or dragged, not pushed. An object that is
     hit while another object is between the fingers is not pushed either.
@@ -283,13 +283,13 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, including by less than a push, in order of time."""
+    """Return the rows in which an empty gripper moves an object, including by less than a push, in time order."""
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
 
 def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
-    """Return the spans of rows in which an empty gripper is at an object that it has not closed on."""
+    """Return the spans of rows in which an empty gripper is at an object without having closed on it."""
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
@@ -317,7 +317,7 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _is_empty(trace: Trace) -> Bools:
-    """Return the rows at which the gripper holds nothing and is open, or closed on nothing, shape (T,)."""
+    """Return the rows at which the gripper is empty and either open or closed on nothing, shape (T,)."""
     empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     return empty
 
@@ -325,8 +325,8 @@ def _is_empty(trace: Trace) -> Bools:
 def _over(trace: Trace, row: int) -> int:
     """Return the object under an empty gripper, or -1. Targets are excluded because a gripper also releases over them.
 
-    Of several candidates, the nearest as seen from above is returned. An object of which any part is below the gripper
-    takes precedence over an object whose center is nearer.
+    Of several candidates, the nearest as seen from above is returned. An object with any part below the gripper takes
+    precedence over an object whose center is nearer.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -335,11 +335,11 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """Distances of the gripper from an object: horizontally to its box (``beside``) and to its middle (``center``) [m].
+    """Distances from the gripper to an object: horizontally to its box (``beside``) and to its center (``center``) [m].
 
     Attributes:
         above: Height over its top [m].
-        in_reach: Whether the gripper could grasp it.
+        in_reach: Whether the gripper could grasp the object.
     """
 
     beside: float
@@ -354,7 +354,7 @@ class _Gap(NamedTuple):
 
 
 def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
-    """Return the distances of the gripper from some objects; objects that fell off the table are at infinity."""
+    """Return the distances between the gripper and some objects; objects that fell off the table are at infinity."""
     tool = trace.tool[row]
     distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
     reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
@@ -368,7 +368,7 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper leaves on another side than it came from, or is over the object only for a moment.
+    """Return whether the gripper leaves on a different side than it came from, or is over the object only briefly.
 
     If the episode ends while the gripper is over the object, it passes if it was still moving straight on.
     """
@@ -382,7 +382,7 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last row of each span of true flags; spans with a short gap between them are merged."""
+    """Return the first and last row of each span of true flags; spans separated by a short gap are merged."""
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -393,7 +393,7 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move, at the latest the row at which a touch was first seen.
+    """Return the row at which an object begins to move, at the latest the row at which a touch was first recorded.
 
     Touches shorter than a control step show only in their effects.
     """
@@ -418,7 +418,7 @@ def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
-    """Return the displacements of a touched object and of the gripper meanwhile, seen from above [m]."""
+    """Return the displacements of a touched object and of the gripper during that time, seen from above [m]."""
     before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
     way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
     tool: Floats = (trace.tool[end] - trace.tool[before])[:2]

@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the step of the instruction that is due."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the current step of the instruction."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """Relation of an attempt's object to the instruction, at the moment of the attempt."""
+    """How an attempt's object relates to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The due step of the instruction refers to the object."""
@@ -52,7 +52,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """Behavior by which a policy shows its target: a grasp, a push, hovering, or an attempt to close the gripper."""
+    """Behavior that shows a policy's target: a grasp, a push, hovering, or an attempt to close the gripper."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -82,7 +82,7 @@ class Step:
         at: Index of the attempted or missed object, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots of the requested objects.
-        between: Index of another object that was as near as the requested object when the gripper closed on nothing.
+        between: Index of another object that was as near as the instructed object when the gripper closed on nothing.
             Either may have been the target. Otherwise None.
     """
 
@@ -103,7 +103,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeAnalysis:
-    """One episode, compared with its condition and the training distribution of its task.
+    """One episode, compared with its condition and its task's training distribution.
 
     Attributes:
         meant: Indices of the objects that satisfy each subgoal.
@@ -111,7 +111,7 @@ class EpisodeAnalysis:
         harm: Harm to objects that were not requested, in order of time.
         others: Approaches without closing the gripper, in order of time.
         on_nothing: Closings far from all objects, or next to an empty slot, in order of time.
-        fists: Closings on nothing before a drawer is pushed shut, in order of time.
+        fists: Closings on nothing before a drawer is pushed shut, in time order.
         state: Function that returns the state at a row; None if only the recorded target regions are known.
         found_once: Results that :func:`once_per_episode` keeps.
     """
@@ -176,7 +176,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last closing of the gripper, even on nothing, and its effects end; 0 without a closing."""
+        """Row at which the last gripper closing, even on nothing, and its effects end; 0 without a closing."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -186,7 +186,7 @@ class EpisodeAnalysis:
 
     @property
     def instruction(self) -> Instruction:
-        """Instruction of the condition: its text and its subgoals."""
+        """Condition instruction: its text and its subgoals."""
         return self.condition.instruction
 
     @property
@@ -218,7 +218,7 @@ class EpisodeAnalysis:
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
-        """Rows in which the empty gripper moves an object, even by less than a push, in order of time."""
+        """Rows in which the empty gripper moves an object, even by less than a push, in time order."""
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
@@ -230,7 +230,7 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].kind
 
     def name(self, i: int) -> str:
-        """Return the name of an object."""
+        """Return an object's name."""
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
@@ -238,11 +238,11 @@ class EpisodeAnalysis:
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that place objects into the drawer that a subgoal closes."""
+        """Return the earlier subgoals that place objects into the drawer that this subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
-        """Return the objects that may be attempted at a row: of the due step, or of any step if the order is free."""
+        """Return the objects that may be attempted at a row: the current step's, or any step's if the order is free."""
         _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
@@ -259,7 +259,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and at which it had come to rest.
+        """Return the rows at which an attempt's object left the gripper and at which it had come to rest.
 
         Returns:
             The two rows, or None if nothing was grasped or the gripper still holds the object at the end.
@@ -279,7 +279,7 @@ class EpisodeAnalysis:
         return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
     def slipped(self, step: Step) -> bool:
-        """Return whether the object of an attempt fell out of a gripper that was commanded to stay closed."""
+        """Return whether an attempt's object fell out of a gripper that was commanded to stay closed."""
         rows, i = self.let_go(step), step.grasp.object
         if rows is None or i is None:
             return False
@@ -288,9 +288,10 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the target region of an object if its presence there proves that it was brought there, else None.
+        """Return an object's target region if its presence there proves that it was brought there, else None.
 
-        A wide region, such as a side of another object, proves nothing: the object may have stood there from the start.
+        A wide region, such as one side of another object, proves nothing: the object may have been there from the
+        start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -298,7 +299,7 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return a region in which an object was put without being requested there, with two rows, or None.
+        """Return a region in which an object was put against the instruction, with two rows, or None.
 
         The rows are the row of the release and the row at which the object came to rest. An object that was
         deliberately released at a region is placed there in any posture.
@@ -352,7 +353,7 @@ class EpisodeAnalysis:
         )
 
     def _distance_to(self, i: int, row: int, kind: str, target: int, region: str) -> float:
-        """Return the horizontal distance of an object from the center of a target region [m]."""
+        """Return the horizontal distance from an object to the center of a target region [m]."""
         trace = self.trace
         middle = place_middle(trace.info.objects[target], kind, region)
         w, x, y, z = trace.quaternions[row, target].tolist()
@@ -360,7 +361,7 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region at which a right object was put, with the rows of release and of rest.
+        """Return the wrong region in which a correct object was put, with the release row and the rest row.
 
         Returns:
             The rows and the region. None if the object was put in the right region, then or later, or in no region of
@@ -388,7 +389,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training had objects of this kind, except the start slot of this object."""
+        """Return the slots in which training had objects of this kind, except this object's start slot."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -418,7 +419,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the instruction words of the steps that are due at a row, with the kinds they refer to."""
+        """Return the instruction words for the current steps at a row, with the kinds to which they refer."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "nothing"
@@ -428,14 +429,14 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return the instruction word of a step, and the kind of object if it differs: "'red' (red mug)"."""
+        """Return a step's instruction word, and the object kind if it differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
         return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return the location of an object: a target region, a slot, or coordinates; empty for a drawer."""
+        """Return an object's location: a target region, a slot, or coordinates; empty for a drawer."""
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -488,7 +489,9 @@ class EpisodeAnalysis:
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the objects for which the first attempt would be right; if it was right, its object comes first.
+        """Return the objects for which the first attempt would be right.
+
+        If the attempt was right, its object comes first.
 
         The others are ordered by subgoal and then by slot, so that neither their names nor their order in the scene
         matters.
@@ -578,7 +581,7 @@ def analyze_episode(
 
     Args:
         trace: The episode.
-        condition: Condition of the trial.
+        condition: Trial condition.
         trained: Training distribution of the task.
         harm: Harm to objects that were not requested.
         state: Function that returns the state at a row. Without it, only the recorded predicates decide placements.
@@ -617,9 +620,9 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
-    This is possible if a requested object is about as near as the point at which demonstrations close in that slot, or
-    at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. In a slot
-    from which training picked nothing, or that holds an object, the gripper must be at the center of the slot.
+    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot, or
+    at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. If training
+    picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -640,7 +643,7 @@ def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return closings at requested objects that are too weak to count as grasp attempts but show an intention to grasp.
+    """Return closings at instructed objects that are too weak to be grasp attempts but show an intention to grasp.
 
     Either the fingers hardly moved although they were commanded to close for long, or they partly closed around the
     object and opened again several times. Objects that also have a grasp attempt are excluded.
@@ -666,7 +669,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Return whether a gripper closed on nothing before it pushes a drawer shut, as pushing needs a closed gripper."""
+    """Return whether a gripper closed on nothing before it pushes a drawer shut, which needs a closed gripper."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -694,7 +697,7 @@ def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, .
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
     """Return the subgoals that are not reached at a row and still have an object on the table.
 
-    A drawer that is to be closed over an object is due once the object is inside.
+    A drawer that must be closed over an object is the next step once the object is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -742,7 +745,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that was missed when the gripper closed on nothing; in doubt, the requested object."""
+    """Return the object that was missed when the gripper closed on nothing; in doubt, the instructed object."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])

@@ -1,4 +1,4 @@
-"""Halts: the arm stands still or trembles in place until the end, although subgoals are open."""
+"""Halts: the arm is still or trembles in place until the end, although subgoals are open."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, it lasts
-    for ``tremble_time``; trembling over a requested object is not a halt.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, the halt
+    lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
     also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at
@@ -72,7 +72,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
     """Return the object that a closed gripper has held at its target region for long, until the end, or None.
 
-    The object may stand on the target between the fingers. An object that is still being lowered does not count.
+    The object may be on the target, between the fingers. An object that is still being lowered does not count.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -112,7 +112,7 @@ def _usual(pauses: list[int], long: int) -> float:
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the first row, in a slow stretch of sufficient length, from which the arm stays in place until the end.
+    """Return the first row, in a sufficiently long slow stretch, from which the arm stays in place until the end.
 
     The arm may have slowed down before it came to rest.
     """
@@ -124,7 +124,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return a row from which the arm moves in place until the end for long enough, else the number of rows."""
+    """Return a row from which the arm moves in place until the end for long enough, otherwise the number of rows."""
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if _stays(trace, begin):
             return begin

@@ -1,4 +1,4 @@
-"""Harm in a record: changes to objects that were not requested, which rule out success, with their times."""
+"""Harm in a record: changes to uninstructed objects, which rule out success, with their times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FINAL = frozenset({"turned", "target_moved", "left_open"})
 
 
 class DatedHarm(NamedTuple):
-    """A harm with the row at which it first shows; the harm of an object left at a wrong target has the last row."""
+    """A harm with the row at which it first shows; for an object left at a wrong target, this is the last row."""
 
     row: int
     harm: Harm
@@ -59,7 +59,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm) -> int | None:
-    """Return the row from which an object stays as it is in the last state: turned, moved away or open."""
+    """Return the row after which an object stays as it is in the last state: turned, moved away or open."""
     if harm.sort != "turned":
         return _since(_moved(trace, i) > (TARGET_MOVED if harm.sort == "target_moved" else LEFT_OPEN))
     thing, turns = trace.info.objects[i], trace.quaternions[:, i]
@@ -83,7 +83,7 @@ def _tilted(trace: Trace, i: int) -> np.ndarray:
 
 
 def _since(flags: np.ndarray) -> int | None:
-    """Return the row from which flags stay true until the end, or None."""
+    """Return the row after which flags stay true until the end, or None."""
     return int(np.flatnonzero(~flags)[-1]) + 1 if flags[-1] and not flags.all() else None
 
 

@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows in which an object was in a given relation to a target, requested or not.
+    """Rows in which an object was in a given relation to a target, whether or not the instruction requested it.
 
     Attributes:
         place: Region of the target; "" if the target has only one region.
@@ -42,12 +42,12 @@ class Trace(Motion):
         touched: (T, n) whether the gripper touches the object.
         by_arm: (T, n) whether another part of the arm touches it.
         whereabouts: Rows of each object in each target region; closed drawers are excluded.
-        serves: (T, g, n) whether the object satisfies the relation of the subgoal.
+        serves: (T, g, n) whether the object satisfies the subgoal's relation.
         done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
         meant: Per subgoal the indices of the objects that satisfy it.
-        targets: Per subgoal the index of its target.
-        drawers: For each drawer its index, the index of its cabinet, and the position of the closed drawer in the
-            cabinet's frame.
+        targets: Per subgoal its target's index.
+        drawers: For each drawer, its index, its cabinet's index, and the position of the closed drawer in the cabinet
+            frame.
     """
 
     time: Floats
@@ -65,7 +65,7 @@ class Trace(Motion):
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
-        """Return the distance by which a drawer is open [m]; 0 for other objects."""
+        """Return how far a drawer is open [m]; 0 for other objects."""
         for i, cabinet, place in self.drawers:
             if i == drawer:
                 p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()
@@ -75,7 +75,7 @@ class Trace(Motion):
 
 
 def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
-    """Return the center of a target region in the frame of its target [m]."""
+    """Return the center of a target region in the target's frame [m]."""
     named = next((r.position for r in target.regions if r.name == region), None)
     return relation(kind).middle(target, region) if named is None else named
 
@@ -85,12 +85,12 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
 
     Args:
         record: The record.
-        condition: Condition of the trial. Objects are identified by kind and slot, so their names do not matter.
+        condition: Trial condition. Objects are identified by kind and slot, so their names do not matter.
         step_limit: Step limit of the condition. Later rows are ignored, so idle time at the end of a record changes
             nothing.
 
     Raises:
-        RecordError: If the record lacks a predicate of a movable object, or an object of the condition.
+        RecordError: If the record lacks a predicate for a movable object, or an object of the condition.
     """
     info = record.metadata.scene
     rows = min(len(record), step_limit + 1)
@@ -148,7 +148,7 @@ def _column(record: Record, label: str) -> int:
 
 
 def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
-    """Return the rows of each object in each target region, from all predicates of the record."""
+    """Return the rows of each object in each target region, from all predicates in the record."""
     objects = record.metadata.scene.objects
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
@@ -197,7 +197,7 @@ def finger_forces(record: Record, rows: int) -> Floats:
 
 
 def touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
-    """Return the contacts of each part of the gripper with each object, shape (parts, rows, n)."""
+    """Return the contacts between each gripper part and each object, shape (parts, rows, n)."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
     part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies], dtype=np.intp)

@@ -50,7 +50,7 @@ CLAIMED = next(reversed(FAMILIES))
 
 
 def packaged_file(family: str) -> str:
-    """Return the name of the file of a family's packaged calibration, in the folder ``data``."""
+    """Return the file name of a family's packaged calibration, in the folder ``data``."""
     return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
@@ -86,7 +86,7 @@ class Judged:
 
     @property
     def crossed(self) -> bool:
-        """Whether a reasoning failure was labeled as an execution failure, or the reverse."""
+        """Whether a reasoning failure was labeled as an execution failure, or vice versa."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
@@ -110,7 +110,7 @@ class Calibration:
 
     Attributes:
         policies: Per policy, its correctly labeled trials out of all its trials.
-        crossed: Trials in which a reasoning failure was labeled as an execution failure, or the reverse.
+        crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
         without_grasp: Correctly labeled trials, out of the failed trials without a grasp attempt.
         accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
         left_out: Number of trials that are no evidence about the policy's fault and are not judged.
@@ -155,19 +155,19 @@ class Calibration:
 
     @property
     def failed(self) -> Rate:
-        """Correctly labeled trials, out of those whose true label is a failure; successes are easier to label."""
+        """Correctly labeled trials, among trials whose true label is a failure; successes are easier to label."""
         counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def failed_kinds(self) -> Rate:
-        """Trials with a label of the right kind, out of those whose true label is a failure."""
+        """Trials with a label of the right kind, among trials whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
     def crossed_rate(self) -> Rate:
-        """Trials in which reasoning and execution were confused, out of all reasoning and execution failures."""
+        """Trials in which reasoning and execution were confused, among all reasoning and execution failures."""
         kinds = (Kind.REASONING, Kind.EXECUTION)
         return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
 
@@ -178,7 +178,7 @@ class Calibration:
         return tuple(label for label in all_labels() if label in met)
 
     def scores(self) -> tuple[LabelScore, ...]:
-        """Return recall and precision of every label that is the true label of some trial."""
+        """Return recall and precision for every label that is some trial's true label."""
         scores = []
         for label in self.labels:
             deserved = sum(n for (truth, _), n in self.counts.items() if truth is label)
@@ -255,7 +255,7 @@ _FILE = TypeAdapter(_File)
 
 
 def packaged_calibration(family: str = "faulty") -> Calibration | None:
-    """Return the calibration of a family that ships with the package, or None if this build has none.
+    """Return the calibration of a policy family that ships with the package, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.

@@ -1,4 +1,4 @@
-"""Metrics of a run (suite, section 4), each with its count and its uncertainty."""
+"""Run metrics (suite, section 4), each with its count and its uncertainty."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Returns:
         Rates, distractor grasp rate and progress per scope, instruction effects, ΔSR of recompositions, and illusion
-        gaps. Each gap comes with its two success rates: of the twins and of the variations in the same pairs.
+        gaps. Each gap comes with two success rates: those of the twins and of the variations in the same pairs.
     """
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
@@ -160,7 +160,7 @@ def _success_rate(trials: Trials) -> Rate:
 
 
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
-    """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope.
+    """Return the twins' SR minus the variations' SR; p-values are Holm-corrected within each kind of scope.
 
     ``stopped`` contains all trials of a run until decided, for the gaps of single variations; None for other runs.
     """
@@ -190,10 +190,10 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the two success rates of an illusion gap over its pairs: of the twins and of the variations.
+    """Yield the two success rates of an illusion gap over its pairs: first the twins' rate, then the variations' rate.
 
     A twin of several variations counts in each of its pairs. The interval uses the effective number of independent
-    pairs (Kish: the squared number of pairs over the sum of the squared numbers per twin).
+    pairs (Kish: the squared number of pairs divided by the sum of the squared numbers per twin).
     """
     uses = Counter(twin.key for twin, _ in pairs)
     worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())
@@ -222,7 +222,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a task of LIBERO-Plus share one or few twins: whole tasks are resampled.
+    # The variants of a LIBERO-Plus task share one or a few twins: complete tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

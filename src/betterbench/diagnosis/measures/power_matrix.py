@@ -1,8 +1,8 @@
 """Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
 
 Pretenders are policies without the tested ability. A success rate is evidence of the ability only if it exceeds the
-rates of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the package. This
-module reads it and never starts a simulator.
+success rates of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the package.
+This module reads it and never starts a simulator.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ class PowerMatrix:
 
     @property
     def variations(self) -> tuple[Key, ...]:
-        """All variations, in the order of the suite."""
+        """All variations, in suite order."""
         return tuple(dict.fromkeys(key for row in self.cells.values() for key in row))
 
     def cell(self, pretender: str, key: Key) -> PowerCell | None:
@@ -164,7 +164,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels that some rule receives on a variation that it fails."""
+        """Return the labels that some rule receives on a variation that the rule fails."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -173,7 +173,7 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose: rules that fail it by decisions with a claimed label.
+        """Return the rules that a variation claims to expose: they fail it by decisions with a claimed label.
 
         A rule that passes with a needless step is not exposed by its success rate, so it is not claimed.
         """
@@ -190,7 +190,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether all pretenders succeed on a variation, as they should, except the rule that always fails."""
+        """Return whether all pretenders except the rule that always fails succeed on a variation, as they should."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )
@@ -210,7 +210,7 @@ class PowerMatrix:
     def blind_cells(self) -> tuple[BlindCell, ...]:
         """Return every cell of the pretenders with a missing input, tested against the expected rate.
 
-        Variations on which doing nothing is right are left out, because a pretender that does nothing would pass them.
+        Variations in which doing nothing is right are left out, because a pretender that does nothing would pass them.
         """
         found = []
         for name in (*BLIND, *FLOOR):
@@ -343,7 +343,7 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return the version of a task and a digest of its conditions and slots, on which its cells depend."""
+    """Return a task's version and a digest of the conditions and slots that determine its cells."""
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]

@@ -18,7 +18,7 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """Expected success rates of one pretender on the trials of a run.
+    """Expected success rates of one pretender on a run's trials.
 
     Attributes:
         scores: Success rate by scope ("overall", "axis:temporal_extrapolation"); variations are weighted by their
@@ -31,7 +31,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a pretender and the outcomes of a policy.
+    """Agreement between the outcomes of a pretender and a policy's outcomes.
 
     Attributes:
         agreement: Share of the run's trials with the same outcome (success or failure).
@@ -53,7 +53,7 @@ class Margin:
         rate: The policy's success rate.
         ceiling: The shortcut ceiling of the variation.
         margin: Success rate minus ceiling, with Newcombe's interval.
-        control: Whether the pretenders succeed there, as they should.
+        control: Whether the pretenders succeed on training conditions, as they should.
     """
 
     task: str
@@ -74,7 +74,7 @@ class Standing:
         likenesses: Agreement with each pretender, the nearest first; without the expert.
         expert: Agreement with the expert, or None without a matrix.
         margins: One margin per variation that is in both the run and the matrix.
-        covered: Trials of the run that the matrix covers, out of all its trials of variations.
+        covered: Trials of the run that the matrix covers, and the total number of variation trials.
         notice: One sentence on missing data and how to get them; empty if nothing is missing.
     """
 
@@ -126,8 +126,8 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
     """Return the comparison of a run's policy with the pretenders.
 
     For a run until decided, only the trials of the first round count. Tasks that have changed since the matrix was
-    measured, and tasks that it does not contain, are left out and named in the notice. An unreadable matrix is reported
-    in the notice; nothing is raised.
+    measured, and tasks that the matrix does not contain, are left out and named in the notice. An unreadable matrix is
+    reported in the notice; nothing is raised.
 
     Args:
         diagnosis: The run.
@@ -196,7 +196,7 @@ def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> 
 
 
 def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
-    """Return the agreement between the outcomes of a pretender and of a run, or None if the matrix lacks a cell."""
+    """Return the agreement between a pretender's and a run's outcomes, or None if the matrix lacks a cell."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return None

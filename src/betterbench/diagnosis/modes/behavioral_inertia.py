@@ -26,8 +26,8 @@ def _exposed(x: Exposure) -> bool:
     """Return whether the scene has the usual first step, target or slot of training without a request for it.
 
     Grasps at an emptied slot are included if they replace a step, or if nothing may be grasped. They are excluded if
-    another object is in a slot to which the instruction's word led in training, because a first grasp there is another
-    failure mode.
+    another object is in a slot to which a word of the instruction led in training, because a first grasp there is
+    another failure mode.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
@@ -114,7 +114,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is at the kind that most demonstrations begin with, but which is not due."""
+    """Return evidence if an attempt is at the kind with which most demonstrations begin, out of turn."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -157,7 +157,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if the position of an object would be right had its target stayed in the training slot."""
+    """Return evidence if an object's position would be right if the target were still in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None

@@ -19,7 +19,8 @@ from betterbench.tasks.relations import relation
 def _exposed(x: Exposure) -> bool:
     """Return whether fewer objects are present than at the start of training episodes, or a step can be repeated.
 
-    If a step is already done, fewer objects are left for that reason, and a policy that counts them acts correctly.
+    If a step is already done, fewer objects are left for that reason, and a policy that counts the objects acts
+    correctly.
     """
     fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
     asked = Counter(goal.reference for goal in x.goals)

@@ -56,7 +56,7 @@ _UNTOLD = {
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return the place of the first closing without a recognizable target, or an empty text."""
+    """Return the position of the first closing without a recognizable target, or an empty text."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
@@ -72,7 +72,7 @@ def _aims_right(trial: TrialDiagnosis) -> bool:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence on the failed manipulation, if one or two descriptions cover nearly all trials.
 
-    The text says that the policy goes for the right objects only if nearly all of these trials show their target.
+    The text says that the policy goes to the right objects only if nearly all of these trials show their target.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -173,7 +173,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
-    """Return evidence of a closing at the right target that did not grip it."""
+    """Return evidence for a closing at the right target that did not grip it."""
     kind, grasp, trace = episode.kind(i), step.grasp, episode.trace
     if trace.touched[grasp.start : grasp.release, i].any():
         text = f"The gripper closes slightly at the {kind}, the right target, and does not hold it."
@@ -381,7 +381,7 @@ def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper opened and the right target stayed on its open fingers until the end.
 
-    A mug can jam on the fingers. The policy has released it, so that an arm that rests afterwards has not halted.
+    A mug can jam on the fingers. The policy has released the object, so an arm that rests afterwards has not halted.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0

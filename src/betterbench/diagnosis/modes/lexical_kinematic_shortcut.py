@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether a slot in which training picked the object of a word now contains another known object."""
+    """Return whether another known object is now in a slot from which training picked the word's object."""
     for goal in x.open_goals:
         for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
             kind = x.movable_in(slot)
@@ -33,7 +33,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a first attempt that follows the word to a wrong object."""
+    """Return evidence for a first attempt that follows the word to a wrong object."""
     episode = trial.episode
     step = episode.first_choice
     if step is None:
@@ -63,12 +63,12 @@ def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str
 
 
 def _leading_word(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the first of the words in question that led to the slot of an attempt in training, or None."""
+    """Return the first of the words in question that led to the attempt's slot in training, or None."""
     return next((word for word in words_of(episode, step) if _led_to(episode, word, step.grasp.slot)), None)
 
 
 def words_of(episode: EpisodeAnalysis, step: Step | None) -> tuple[str, ...]:
-    """Return the words that may lead a policy at an attempt: that of the due subgoal, then those of earlier ones.
+    """Return the words that may lead a policy during an attempt: the current subgoal's word, then earlier ones.
 
     An earlier subgoal of an ordered instruction is done by then, but its word is still in the text: a policy may follow
     the first word that it reads. Without an attempt, the first subgoal is due.
@@ -91,10 +91,10 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal that an attempt serves with an object that was requested for another subgoal, or None.
+    """Return the subgoal that an attempt serves with an object that the instruction names for another subgoal, or None.
 
-    If the order is free, a policy that takes the mug for the mouse is recognized only by the place to which it brings
-    the mug. If training brought mugs there, habit is the simpler explanation.
+    If the order is free, a policy that mistakes the mug for the mouse is recognized only by the place to which it
+    brings the mug. If training brought mugs there, habit is the simpler explanation.
     """
     goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
@@ -104,5 +104,5 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
 
 
 def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
-    """Return the word of the subgoal that was due at an attempt, or of the first subgoal if none was open."""
+    """Return the word of the subgoal that was current at an attempt, or of the first subgoal if none was open."""
     return next(iter(words_of(episode, step)), None)

@@ -34,7 +34,7 @@ def _exposed(x: Exposure) -> bool:
     Label.PHASE_CONFLICT,
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper moves to and fro until the end, displaces nothing, and does not approach a requested object.",
+    "empty gripper moves to and fro until the end, displaces nothing, and does not approach an instructed object.",
     conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves to and fro.",
     sharper=sharper_by_rule(
         {
@@ -47,7 +47,7 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence of a freeze before any attempt, or of moving to and fro after the last."""
+    """Return evidence that the arm freezes before any attempt, or moves to and fro after the last attempt."""
     episode = trial.episode
     halt = find_halt(episode)
     if episode.condition.mid_task_look and not episode.steps and halt is not None:
@@ -81,7 +81,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
     """Return whether a path leads only over objects that may be grasped now, and over at least two of them.
 
-    Repeated visits of a single object count as moving to and fro if the scene looks half finished.
+    Repeated visits to a single object count as moving to and fro if the scene looks half finished.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):
@@ -109,6 +109,6 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the kinds of object under the gripper while it moves to and fro; empty for a single kind."""
+    """Return the object kinds under the gripper while it moves to and fro; empty for a single kind."""
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

@@ -17,7 +17,7 @@ from betterbench.tasks.labels import Label
     ),
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence of an episode that the policy or the operator ended early."""
+    """Return evidence that the policy or the operator ended the episode early."""
     outcome = trial.record.outcome
     if outcome.termination not in ("policy_error", "interrupted"):
         return None

@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the gripper goes for an object that no instruction of the task asks to move."""
+"""Semantic feature collapse: the gripper goes to an object that no instruction of the task says to move."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether an object that no instruction names is in a trained slot or has the color of a target."""
+    """Return whether an object that no instruction names is in a trained slot or has a target's color."""
     picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
     for o in x.test.objects:

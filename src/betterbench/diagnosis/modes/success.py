@@ -1,4 +1,4 @@
-"""The three labels of a success: the goal is met, nothing had to be done, or the requested object is absent."""
+"""The three success labels: the goal is met, nothing had to be done, or the instructed object is absent."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Return a clause on the behavior of the policy at the step limit."""
+    """Return a clause on the policy's behavior at the step limit."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

@@ -46,7 +46,10 @@ def _exposed(x: Exposure) -> bool:
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence of a wrong first attempt at a slot; the second pass decides whether the slot is a favorite."""
+    """Return evidence of a wrong first attempt at a slot.
+
+    The second pass decides whether the policy favors this slot.
+    """
     episode = trial.episode
     step = episode.first_choice
     if step is None or step.grasp.slot is None or step.target is AttemptTarget.FOREIGN:

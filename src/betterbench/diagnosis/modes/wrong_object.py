@@ -14,7 +14,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the kind of object that nearly all trials begin with, if the requested kinds differ."""
+    """Return a sentence on the object kind with which nearly all trials begin, if the instructed kinds differ."""
     (kind, times), *_ = Counter(trial.first_attempt_kind for trial in trials).most_common(1)
     requested = {trial.intended_kind for trial in trials if trial.first_attempt_kind == kind}
     if kind is None or times < SHARE_OF_ALL * len(trials) or len(requested) < 2:

@@ -45,7 +45,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Declare the observations and actions, under the names of the environment and of LeRobot."""
+        """Declare the observations and actions, under the environment's and LeRobot's names."""
         select_conditions(self.task)
         dim = action_space(self.action_space).dim
         self.features = {
@@ -79,5 +79,5 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
-        """Return the vector environments of all conditions; called by LeRobot from version 0.5 on."""
+        """Return the vector environments of all conditions; LeRobot calls this from version 0.5 on."""
         return make_env(n_envs, use_async_envs, cfg=self)

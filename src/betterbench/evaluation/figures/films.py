@@ -1,4 +1,4 @@
-"""Images and videos rendered from the records of a run."""
+"""Images and videos rendered from a run's records."""
 
 from __future__ import annotations
 

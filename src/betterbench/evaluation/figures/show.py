@@ -1,4 +1,4 @@
-"""Images of conditions, such as a training scene next to the test scene of a variation."""
+"""Images of conditions, such as a training scene next to a variation's test scene."""
 
 from __future__ import annotations
 

@@ -29,12 +29,12 @@ _CONTROLS = 0.14
 """Space below the images for player controls, which cover the image while a video is paused."""
 
 _HOLD_S = 1.0
-"""Duration of the start image with the whole path, and of the last state [s of the video]."""
+"""Duration of the start image with the complete path, and of the last state [s of the video]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin video: a trial of a run, with heading and outcome.
+    """One side of a twin video: a trial from a run, with heading and outcome.
 
     Attributes:
         heading: Title of the side ("this trial, fast_food/T1/3").
@@ -78,7 +78,7 @@ class FilmLook:
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """Video as H.264 in MP4, with its first image as JPEG: the start of both trials with the whole paths."""
+    """Video as H.264 in MP4, with its first image as JPEG: the start of both trials with their complete paths."""
 
     clip: bytes
     still: bytes
@@ -114,7 +114,7 @@ def render_strips(
     look: FilmLook = FilmLook(size=160),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial: the start with the whole path, then evenly spaced states with the path so far.
+    """Return one JPEG per trial: the start with the complete path, then evenly spaced states with the path so far.
 
     Raises the errors of :func:`render_paths`.
     """
@@ -218,7 +218,7 @@ def _sheets(
 
 
 class _Side:
-    """Images of one recorded trial, with the path of the end effector."""
+    """Images of one recorded trial, with the end effector's path."""
 
     def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
         self.record: Record = run.read_record(*trial)

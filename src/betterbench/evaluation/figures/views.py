@@ -37,7 +37,7 @@ class CameraPhoto(NamedTuple):
 
 
 class ViewRenderer:
-    """Renderer of recorded states of a run with visible objects. A context manager that ends the rendering process."""
+    """Renderer for a run's recorded states with visible objects. A context manager that ends the rendering process."""
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
         """Start the process; ``size`` is the side of the images [pixel]."""
@@ -59,7 +59,7 @@ class ViewRenderer:
         self._limited.stop()
 
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
-        """Return the image of a camera at a row of a record of the run, with its visible objects.
+        """Return a camera's image at one row of a run's record, with the visible objects.
 
         Raises:
             RecordError: If the stored scene is missing, damaged, belongs to another record, or lacks the camera.
@@ -128,7 +128,7 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
-    """Return the share of an object's bounding box inside the image, from a grid of points in the box."""
+    """Return the fraction of an object's bounding box that is inside the image, from a grid of points in the box."""
     number = record.metadata.scene.index(info.name)
     local = _GRID * np.asarray(info.size_m)
     w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]

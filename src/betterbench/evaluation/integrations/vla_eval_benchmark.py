@@ -1,8 +1,8 @@
 """The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` runs tasks, ``better report`` explains results.
 
 The harness controls the loop, the model server and its own result file. In addition, the benchmark writes a run folder
-with the records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial
-with seed ``seed + i``.
+with the records of ``better eval``. Every condition is one task of the harness; its episode i is the trial with seed
+``seed + i``.
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ from betterbench.evaluation.integrations.vla_eval_specs import action_specs, obs
 logger = logging.getLogger(__name__)
 
 ADDRESS = "vla-eval:"
-"""Prefix of the policy's name in records and reports of harness runs."""
+"""Prefix for the policy name in records and reports of harness runs."""
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
-    """The suite, or some conditions of the suite, as a benchmark of the harness.
+    """The suite, or some of its conditions, as a benchmark for the harness.
 
     Args:
-        run: Folder of the run. An interrupted run is resumed, with the results of finished trials from their records.
-        policy: Name of the policy in the report ("pi0-libero"), which benchmarks do not get from the harness.
+        run: Run folder. An interrupted run is resumed, with the results of finished trials from their records.
+        policy: Policy name in the report ("pi0-libero"), which benchmarks do not get from the harness.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or one comma-separated string; by default all of better60.
         trials: Trials per condition; must equal ``episodes_per_task``.
         seed: First seed.
-        adapter: Name of an adapter's preset, or a JSON file: the layout of requests and answers.
+        adapter: Name of an adapter preset, or a JSON file: the layout of requests and answers.
         cameras: Our camera for one of the adapter's keys ({"images/agentview": "left_shoulder"}).
         observation: Name of an observation preset; "state_only" renders no images.
         quality: Name of a render preset.
@@ -72,8 +72,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         send_state: True to send the robot's state; model servers usually request it themselves.
         absolute_action: True if the model server answers with absolute poses; model servers declare this themselves.
             It requires an adapter that reads ``ee_pose``.
-        quat_no_antipodal: Always true here: rotation vectors of the state are continuous around a tool that points
-            down, as in data of robosuite. Model servers request it.
+        quat_no_antipodal: Always true here: rotation vectors in the state are continuous around a tool that points
+            down, as in robosuite's data. Model servers request it.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -149,7 +149,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Begin a trial: one of :meth:`get_tasks`, with the number of the episode.
+        """Begin a trial of one of the tasks from :meth:`get_tasks`, with the episode number.
 
         Raises:
             InvalidInputError: If the episode has no trial in the plan.
@@ -202,7 +202,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return self.adapter.request(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
-        """Return the result of the episode.
+        """Return the episode's result.
 
         An episode that the harness ends early (``max_steps``) is a failure for the harness. In the report, the trial is
         not run, because the policy might still have succeeded.
@@ -217,7 +217,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return the values that the harness averages: success, and the shares of broken and of shortened episodes."""
+        """Return the values that the harness averages: success, and the fractions of broken and shortened episodes."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
@@ -229,7 +229,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return the limits of the suite.
+        """Return the suite's limits.
 
         Without the harness's ``max_steps``, episodes end at the suite's step limit.
         """

@@ -1,4 +1,4 @@
-"""Specs of the tasks for vla-evaluation-harness: formats of actions and observations, in the harness's terms."""
+"""Task specs for vla-evaluation-harness: formats of actions and observations, in the harness's terms."""
 
 from __future__ import annotations
 

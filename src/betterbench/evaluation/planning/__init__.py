@@ -1,1 +1,1 @@
-"""Plans of runs, manifests written at the start of runs, and plans that repeat another run."""
+"""Run plans, manifests written at the start of runs, and plans that repeat another run."""

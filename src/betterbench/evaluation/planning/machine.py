@@ -47,7 +47,7 @@ def describe_renderer() -> dict[str, str]:
 def package_lock() -> tuple[str, ...]:
     """Return name and version of every installed distribution that betterbench may use ("numpy==2.3.1"), sorted.
 
-    Reading the metadata of about a hundred distributions takes 0.1 s; a process uses what it began with.
+    Reading the metadata of about a hundred distributions takes 0.1 s; a process uses what it read at its start.
     """
     found: dict[str, str] = {}
     waiting = [_DISTRIBUTION]
@@ -113,7 +113,7 @@ def _memory_gb() -> float:
 
 
 def _graphics_cards() -> list[str]:
-    """Return the models of the GPUs, from the drivers of NVIDIA, AMD and others."""
+    """Return the GPU models, from the NVIDIA, AMD and other drivers."""
     cards = []
     for file in sorted(Path("/proc/driver/nvidia/gpus").glob("*/information")):
         model = re.search(r"^Model:\s*(.+)$", _read(file), re.MULTILINE)

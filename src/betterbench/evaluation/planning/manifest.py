@@ -1,7 +1,7 @@
-"""Manifest of a run: the context at its start.
+"""Run manifest: the context at its start.
 
-The context is stored in ``run.json``. Another machine may resume a run, so only one part is then compared: the
-declaration of the policy, because another checkpoint behind the same address would mix two policies in one run.
+The context is stored in ``run.json``. Because another machine may resume a run, only one part is compared then: the
+policy's declaration, since another checkpoint behind the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from betterbench.tasks.user_files import loaded_files
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
     """Return the context of a new run.
 
-    ``policy`` is the declaration of the policy, from :func:`describe_policy`; ``engine`` has "name",
+    ``policy`` is the policy's declaration, from :func:`describe_policy`; ``engine`` has "name",
     "workers", "envs" and, where a warm-up chooses their number, "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
@@ -56,7 +56,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return all conventions in use: those of the plan and the fixed conventions."""
+    """Return all conventions in use: the plan's conventions and the fixed ones."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -65,7 +65,10 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first difference between a policy's declaration and a run; None if there is no known difference."""
+    """Return the first difference between a policy's declaration and the declaration in a run.
+
+    Returns None if no difference is known.
+    """
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):

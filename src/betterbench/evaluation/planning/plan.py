@@ -1,4 +1,4 @@
-"""The plan of a run: trials and conventions, written before the first trial starts."""
+"""A run's plan: trials and conventions, written before the first trial starts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Maximum trials per variation; 1.2 million trials in the whole suite, which take weeks."""
+"""Maximum number of trials per variation; 1.2 million trials in the full suite, which take weeks."""
 
 MAX_SEED = 2**31 - 1
 """Largest first seed: clients and servers of other protocols store it in 32 bits."""
@@ -100,11 +100,11 @@ def make_plan(
     looks: str = "seen",
     until_decided: bool = False,
 ) -> Plan:
-    """Return the plan of a run of the named tasks, by default all of better60.
+    """Return the plan for a run of the named tasks, by default all of better60.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
-    trials in total as the variations, evenly distributed, including the twins of the variations. Each trial of a plan
-    for some variations ("L1", "fast_food/T1") is also in the plan of all variations, so the plans share a certificate.
+    trials in total as the variations, evenly distributed, including the variations' twins. Each trial in a plan for
+    some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
     With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
@@ -139,7 +139,7 @@ def named_trial(task: str, condition: str | None = None, seed: int = 0) -> Trial
 
 
 def plan_extent(plan: Plan) -> tuple[int, int]:
-    """Return the first seed of a plan and its trials per variation, as options of ``better eval``."""
+    """Return a plan's first seed and its trials per variation, as ``better eval`` options."""
     seeds = [t.seed for t in plan.trials]
     counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
     return min(seeds), max(counts.values(), default=len(set(seeds)))

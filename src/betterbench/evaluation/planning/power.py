@@ -52,7 +52,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a short sentence with the smallest drop over all variations that the trials of a plan can detect."""
+    """Return a short sentence with the smallest drop over all variations that a plan's trials can detect."""
     pairs = sum(t.variation is not None for t in plan.trials)
     if not pairs:
         return "None tests a variation: the trials only show how well the training conditions were learned."

@@ -22,7 +22,7 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Parts of a plan that are not compared, because they are read back or cannot change results by themselves."""
+"""Plan entries that are not compared, because they are read back or cannot change results by themselves."""
 
 
 @open_form
@@ -61,7 +61,7 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return the plan of a run, to repeat its trials, seeds and conventions with the same or another policy.
+    """Return a run's plan, to repeat its trials, seeds and conventions with the same or another policy.
 
     ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
 

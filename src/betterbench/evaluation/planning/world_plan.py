@@ -1,4 +1,4 @@
-"""Plan of a run of a suite in any world, from the world's description of its tasks."""
+"""Plan for a suite in any world, from the world's task descriptions."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def make_world_plan(
     observation: str = "default",
     **options: Any,  # noqa: ANN401 - those of the world
 ) -> Plan:
-    """Return the plan of a suite, with the tasks listed by its world.
+    """Return a suite's plan, with the tasks listed by its world.
 
     Args:
-        policy: Address of the policy.
-        suite: Name of the suite.
-        tasks: Tasks to run; all if none is named.
+        policy: Policy address.
+        suite: Suite name.
+        tasks: Tasks to run; default: all.
         trials: Number of trials in the world's unit (per variation, initial states, chains); the usual number if None.
         seed: The first seed, initial state or chain.
-        action_space: Action space of the policy; if None, the one in its address, or else the world's usual action
+        action_space: The policy's action space; None for the space in its address, or else the world's usual action
             space.
         observation: Observation preset; "default" is the world's usual preset.
-        options: Options of the world (``World.options``).
+        options: World options (``World.options``).
 
     Raises:
         InvalidInputError: If a number is out of range, or the policy cannot be run in this world.

@@ -104,7 +104,7 @@ class PreflightCheck:
 
     @property
     def clipped(self) -> int:
-        """Number of actions of the first answer that a run would clip because a value is out of range."""
+        """Number of actions in the first answer that a run would clip because a value is out of range."""
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
@@ -252,7 +252,7 @@ def _ask_often(
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return the conventions of this side and of the policy's side; ``client`` is None for a privileged policy."""
+    """Return this side's conventions and the policy's conventions; ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)

@@ -1,9 +1,9 @@
-"""Replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
+"""Replay proof: a policy gets a demonstration's observations, and its answers must follow the same path.
 
 At every request, the policy gets the demonstration's observation. The path of its consecutive answers is compared with
 the demonstration's path, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign, the
-path is stretched, rotated or mirrored, and the factor of each axis shows by how much. The answers are also executed in
-a separate scene, which shows how far the end effector ends from the end of the demonstration.
+path is stretched, rotated or mirrored; the factor of each axis shows by how much. The answers are also executed in a
+separate scene, which shows how far the end effector ends from the end of the demonstration.
 
 Paths consist of commanded poses, which the arm follows with a delay of a few control steps.
 """
@@ -35,8 +35,9 @@ LEAST_RANGE = {"m": 0.02, "rad": 0.05}
 """Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
 
 FOLLOWS = 0.7
-"""Minimum agreement of a policy that follows the demonstration: the cosine between its steps and those of the
-demonstration, on each axis."""
+"""Minimum agreement for a policy that follows the demonstration: the cosine between its steps and the demonstration's
+steps, on each axis.
+"""
 
 PROVEN = 0.02
 """Maximum distance of a factor from 1 that proves the conventions of its axis."""
@@ -77,7 +78,7 @@ class ReplayProof:
         steps: Control steps of the demonstration that were replayed.
         requests: Requests that the policy answered.
         gripper: Share of the steps with the same gripper command.
-        executed_off_m: Distance of the end effector from the end of the demonstration, after all answers [m].
+        executed_off_m: Distance between the end effector and the end of the demonstration, after all answers [m].
     """
 
     steps: int
@@ -164,11 +165,11 @@ def prove_by_replay(
     spec: ObservationSpec,
     quality: Quality,
 ) -> ReplayProof:
-    """Replay the expert's demonstration of a trial through a policy, and compare the path of its answers.
+    """Replay the expert's demonstration of a trial through a policy, and compare the path that its answers produce.
 
     Args:
         client: The policy at the beginning of an episode.
-        info: Declarations of the policy.
+        info: Policy declarations.
         trial: The trial of the demonstration.
         space: The policy's action space.
         spec: Images for the policy.
@@ -217,7 +218,7 @@ def prove_by_replay(
 
 
 def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
-    """Return the answer of a policy, (horizon, dim); raise InvalidActionError or PolicyError if it is invalid."""
+    """Return a policy's answer, (horizon, dim); raise InvalidActionError or PolicyError if it is invalid."""
     with POLICY_BOUNDARY:
         answer = np.asarray(client.act(seen))
     chunk = checked_chunk(answer, space)
@@ -261,7 +262,7 @@ class _Demonstration:
 
 
 class _Paths:
-    """Paths of the demonstration and of the answers, sampled at the end of each answer."""
+    """Paths produced by the demonstration and by the answers, sampled at the end of each answer."""
 
     units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
     names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")

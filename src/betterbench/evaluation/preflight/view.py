@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: inputs of the policy, and the path of its answer in the scene."""
+"""Content of a preflight sheet: the policy's inputs, and the path that its answer takes in the scene."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PreflightView:
         state: Numbers that the policy gets: key and formatted values.
         facts: Lines about the answer: name and value.
         scene: (height, width, 3) uint8 image of the scene at reset.
-        path: (n, 2) pixels of the end effector in ``scene`` during the whole answer, starting at reset.
+        path: (n, 2) pixels of the end effector in ``scene`` during the complete answer, starting at reset.
         aim: (2,) pixel of the end effector after the first action.
         turn: Rotation and gripper of the first action, as text.
     """
@@ -49,7 +49,10 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of the sheet of a check; MissingDependencyError if no off-screen OpenGL works here."""
+    """Return the content of a check's sheet.
+
+    Raises MissingDependencyError if off-screen OpenGL does not work on this machine.
+    """
     condition = resolve_condition(found.trial.task, found.trial.condition)
     space, quality = action_space(found.info.action_space), quality_preset(found.quality)
     scene = Scene(condition.task, condition.condition, seed=found.trial.seed, action_space=space, quality=quality)
@@ -86,7 +89,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 
 
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
-    """Return lines about an answer: motion of the end effector [m] by the first action and by the whole answer."""
+    """Return lines about an answer: end-effector motion [m] caused by the first action and by the complete answer."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
     ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),)
     return (
@@ -102,7 +105,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
-    """Return the position of the end effector after the first action, (3,) in the base frame [m]."""
+    """Return the end effector's position after the first action, (3,) in the base frame [m]."""
     space, pose = scene.action_space, scene.state().ee_pose
     applied = space.clip(action)[:3]
     if space.name.startswith("ee_delta"):

@@ -1,4 +1,4 @@
-"""Workers and replicas of the policy as actors of a Ray cluster.
+"""Workers and policy replicas as actors on a Ray cluster.
 
 Only ``session`` and modules that use it import Ray.
 """

@@ -44,7 +44,7 @@ class Cluster:
 
 
 def require_ray(cluster: Cluster) -> None:
-    """Check, without importing Ray, that Ray is installed and that the address of the cluster accepts connections.
+    """Check, without importing Ray, that Ray is installed and that the cluster address accepts connections.
 
     Ray itself would try for minutes to reach an unused address.
     """

@@ -1,6 +1,6 @@
 """Runs on a Ray cluster, with workers and replicas of the policy as actors.
 
-There is no shared file system. Workers send finished records to the driver process, and only this process writes. When
+No shared file system is needed. Workers send finished records to the driver process, and only this process writes. When
 a worker dies, only its running trials are lost, and other workers repeat them.
 """
 
@@ -76,7 +76,7 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """State of a worker in the pool."""
+    """Worker state in the pool."""
 
     actor: Any
     calls: deque[Any]  # running calls, the oldest first
@@ -90,7 +90,7 @@ class _WorkerActor:
 
 
 class RayPool:
-    """The workers of a run on Ray."""
+    """A run's workers on Ray."""
 
     def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
         """Prepare; for the arguments see :func:`ray_entries`."""
@@ -103,7 +103,7 @@ class RayPool:
         self._asked_at = 0.0
 
     def start_replicas(self) -> None:
-        """Start the replicas of the policy."""
+        """Start the policy's replicas."""
         self._replicas.start()
 
     def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:
@@ -208,7 +208,7 @@ class RayPool:
             self._accept(worker, found)
 
     def _store(self, worker: _WorkerActor, delivery: Delivery) -> JournalEntry:
-        """Write the record of a trial that has ended, and return its entry."""
+        """Write the record of a finished trial, and return its entry."""
         entry = delivery.entry
         if delivery.record is not None:
             self._write(self._run.record_path(entry.task, entry.condition, entry.seed), delivery.record)

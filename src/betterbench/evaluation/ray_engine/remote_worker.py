@@ -27,7 +27,7 @@ TURN_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """Journal entry and record of a trial that has ended; the record is None for a broken trial."""
+    """Journal entry and record of a finished trial; the record is None for a broken trial."""
 
     entry: JournalEntry
     record: bytes | None

@@ -1,4 +1,4 @@
-"""Replicas: actors on a Ray cluster with copies of the policy, which answer the workers of a run."""
+"""Replicas: actors on a Ray cluster with copies of the policy, which answer a run's workers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _KEY_NAME = "BETTERBENCH_REPLICA_KEY"
 
 
 class Replicas:
-    """The replicas of a run.
+    """A run's replicas.
 
     Attributes:
         addresses: Addresses of the replicas.

@@ -47,7 +47,7 @@ def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an
 
 
 class RaySession:
-    """Connection to a cluster, or a local cluster, for the duration of a run. A context manager."""
+    """Connection to a cluster, or a local cluster, for a run's duration. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
         """Prepare; by default there are as many workers as processors in the cluster."""
@@ -85,11 +85,11 @@ class RaySession:
 
     @property
     def workers(self) -> int:
-        """Number of workers: the requested one, or the number of the cluster's processors."""
+        """Number of workers: the requested number, or the cluster's number of processors."""
         return self._workers or max(1, int(self._total("CPU")))
 
     def replica_gpus(self) -> float:
-        """GPUs of each replica of the policy."""
+        """GPUs per policy replica."""
         asked = self.cluster.replica_gpus
         if asked is not None:
             return asked
@@ -101,7 +101,7 @@ class RaySession:
         return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
 
     def _total(self, resource: str) -> float:
-        """Return the total amount of a resource of the cluster, free or not."""
+        """Return the cluster's total amount of a resource, free or not."""
         try:
             return float(self.ray.cluster_resources().get(resource, 0.0))
         except loss_errors(self.ray) as error:

@@ -1,1 +1,1 @@
-"""Whole runs: running a plan, external loops, and replaying a record."""
+"""Complete runs: running a plan, external loops, and replaying a record."""

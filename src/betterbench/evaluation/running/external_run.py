@@ -58,7 +58,7 @@ class ExternalRun:
     ) -> None:
         """Create the run, or resume the run in the folder if it has the same plan.
 
-        The policy of the plan is the name of your policy in the report. Without ``needs_images``, no images are
+        The plan's policy is the name of your policy in the report. Without ``needs_images``, no images are
         rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), parsed if it is a JSON
         document. ``engine`` is the name of your loop in the manifest.
 
@@ -86,7 +86,7 @@ class ExternalRun:
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the unfinished trials in the order of the plan; other processes may finish some in the meantime.
+        """Yield the unfinished trials in plan order; other processes may finish some in the meantime.
 
         In a plan with ``until_decided``, the next round follows when all trials of the previous round are finished.
         """
@@ -107,7 +107,7 @@ class ExternalRun:
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
-        """Run a whole trial with a callable, and return its journal entry.
+        """Run a complete trial with a callable, and return its journal entry.
 
         ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. If ``act`` raises an exception,
         the trial ends as ``policy_error``, and the run can continue. Raises the errors of :meth:`begin` and
@@ -127,11 +127,11 @@ class ExternalRun:
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Abandon the current episode, begin the episode of a trial of the plan, and return the first observation.
+        """Abandon the current episode, begin the episode for a trial of the plan, and return the first observation.
 
         Raises:
             PolicyError: If the trial failed with an error; the journal has the reason.
-            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            PremiseError: If the scene contradicts the instruction's premise; the run must stop.
             StorageError: If the disk is full; the run must stop.
         """
         self.abandon("the external loop began another episode")
@@ -143,7 +143,7 @@ class ExternalRun:
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
-        """Execute one action (dim,), or a whole chunk (horizon, dim).
+        """Execute one action (dim,), or a complete chunk (horizon, dim).
 
         Invalid actions end the trial as ``policy_error`` with the reason in its record.
 

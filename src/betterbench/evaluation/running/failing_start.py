@@ -20,7 +20,7 @@ class FailingStart:
     """
 
     def __init__(self, policy: str) -> None:
-        """Prepare; ``policy`` is the address of the policy, for the message."""
+        """Prepare; ``policy`` is the policy address, for the message."""
         self._policy = policy
         self._reason: str | None = None
         self._alike = 0

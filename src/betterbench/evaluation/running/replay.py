@@ -29,13 +29,14 @@ _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
 
 @dataclass(frozen=True, slots=True)
 class ReplayCheck:
-    """The result of a replay.
+    """A replay's result.
 
     Attributes:
         rows: Rows compared.
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from them.
+        verdict_agrees: Whether the goal tracker computes the same values again, and the outcome follows from those
+            values.
         notes: Possible reasons for a difference.
         differing: Fields that differ from the replay, by name, with both values for scalars.
         fields: Number of fields compared.
@@ -58,7 +59,7 @@ class ReplayCheck:
 def check_record(path: Path) -> ReplayCheck:
     """Simulate a record's actions again and compare all results.
 
-    The comparison covers all columns, the outcome, and the metadata except versions. A record in the folder of its run
+    The comparison covers all columns, the outcome, and the metadata except versions. A record in its run's folder
     is also compared with the run's plan and journal.
 
     Raises:
@@ -86,7 +87,7 @@ def check_record(path: Path) -> ReplayCheck:
 
 
 def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
-    """Return the scene of a record, with the render preset of the record or the plan, otherwise a matching one."""
+    """Return a record's scene, with the render preset of the record or the plan, otherwise a matching one."""
     meta = record.metadata
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
     *others, last = [named] if isinstance(named, str) and named in QUALITIES else QUALITIES
@@ -149,7 +150,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        # refuse actions that no policy may answer, even if they are only labels
+        # reject actions that no policy may answer, even if they are only labels
         scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()
@@ -228,7 +229,7 @@ def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _metadata(record: Record, again: Record) -> Iterator[str]:
-    """Yield the metadata that differ from those of the trial."""
+    """Yield the metadata that differ from the trial's metadata."""
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:

@@ -58,7 +58,7 @@ class Progress:
     """Progress of a run; ``started_with`` trials were done before this process, which has run ``elapsed_s`` [s].
 
     Attributes:
-        planned: Number of trials of the plan; for a run until decided, the maximum.
+        planned: Number of trials in the plan; for a run until decided, the maximum.
         decisions: Decisions after the last round of a run until decided, or None.
     """
 
@@ -85,22 +85,22 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, only the required trials.
+    """Run every trial of a plan that is not yet in the journal; with ``until_decided``, run only the required trials.
 
-    Trials whose record is missing or damaged are run again. The conventions of the policy are compared before anything
+    Trials whose record is missing or damaged are run again. The policy's conventions are compared before anything
     is written. Results do not depend on the engine or the number of workers and environments.
 
     Args:
         plan: The same plan resumes an unfinished run.
-        out: Folder of the run.
-        workers: Worker processes; with 1 the trials run in this process, except for a user's policy, which
-            always runs in a separate process. None for one per processor of this machine or of the cluster, or for a
-            single worker if each would load the weights of a policy again.
-        envs: Environments of each worker; None for 1 if the policy answers immediately. Otherwise a warm-up
+        out: Run folder.
+        workers: Number of worker processes; with 1, the trials run in this process, except for a user's policy, which
+            always runs in a separate process. None for one worker per processor of this machine or cluster, or for a
+            single worker if each would load a policy's weights again.
+        envs: Each worker's environments; None for 1 if the policy answers immediately. Otherwise a warm-up
             chooses the number from the times of the policy and the simulation, within the free memory.
-        engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
-        cluster: Cluster on which the actors are placed.
-        policy_timeout_s: Deadline of one answer of a policy in a worker's process [s]; a late answer ends the trial.
+        engine: "local" for processes on this machine, "ray" for actors on a Ray cluster.
+        cluster: Cluster for the Ray actors.
+        policy_timeout_s: Deadline for one answer of a policy in a worker process [s]; a late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
         repeats: Run that must have the same policy, unless a changed policy is allowed; None for no comparison.
         policies: Factory of a policy without an address, for one worker; None for the policy at the plan's address.
@@ -109,9 +109,9 @@ def evaluate(
 
     Raises:
         RunConflictError: If the folder contains another run, another process writes to it, or the policy has changed.
-        PremiseError: If a scene contradicts the premise of its instruction.
+        PremiseError: If a scene contradicts its instruction's premise.
         InvalidInputError: If a number is out of range, or the policy answers in another action space.
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If no such policy exists.
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the server declares other conventions.
         StorageError: If the disk is full.
@@ -228,8 +228,8 @@ def _ask_policy(
         info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
         return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
-        # A user's policy may hold weights. It is queried in a separate process, so that the weights are loaded only
-        # there or, after that process has ended, in the workers.
+        # A user's policy may hold weights. The policy is queried in a separate process, so that the weights are loaded
+        # only there or, after that process has ended, in the workers.
         run = (plan.action_space, plan.observation)
         host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1

@@ -1,4 +1,4 @@
-"""Counts of a run, and answer times of the policy."""
+"""Counts for a run, and the policy's answer times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 
 
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
-    """Return the entries of broken trials, without a record or ended by an error of the policy."""
+    """Return the entries of trials that have no record or ended with a policy error."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
 
 
@@ -49,7 +49,7 @@ class PolicyService:
     """Answer times, concurrency and connection failures of a policy over several trials.
 
     Attributes:
-        p50_s: Median over the trials of the median time of an answer [s].
+        p50_s: Median over the trials of the median answer time [s].
         max_s: Longest time of an answer [s].
         concurrency: Average number of pending requests.
         retries: Number of repeated requests; None if the policy has no connection.
@@ -64,7 +64,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the answer times in the trials of a session that lasted ``elapsed_s`` [s]; None if unknown."""
+    """Return the answer times for the trials of a session that took ``elapsed_s`` [s]; None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -84,7 +84,7 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
 
 
 RunPart = Literal["policy", "simulation", "rendering", "wire"]
-"""Parts of the duration of a run."""
+"""Parts of a run's duration."""
 
 WAITED = 0.2
 """Share of the workers' time spent waiting, above which the policy is the bottleneck."""
@@ -98,10 +98,10 @@ class RunTimes:
         policy_s: Time from request to answer without ``wire_s`` [s]; the answers of several environments overlap.
         simulation_s: Scenes, physics, privileged state and records [s].
         rendering_s: Observations, mostly images [s].
-        wire_s: CPU time of betterbench for messages: resizing, packing and sending images, reading answers;
+        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, reading answers;
             network latency counts as policy time [s].
         idle_s: Time during which workers only waited for the policy [s].
-        envs: Environments of each worker in the last trial, or None if the policy runs in the worker itself.
+        envs: Each worker's environments in the last trial, or None if the policy runs in the worker itself.
     """
 
     policy_s: float

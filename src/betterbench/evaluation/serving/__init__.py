@@ -1,1 +1,1 @@
-"""Policies served with the openpi protocol: server, sessions, host of a run, and shadow simulations of experts."""
+"""Policies served with the openpi protocol: server, sessions, policy host, and shadow simulations for experts."""

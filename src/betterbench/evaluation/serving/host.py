@@ -29,7 +29,7 @@ MAX_RESTARTS = 5
 """Maximum restarts of a host that died."""
 
 HUNG = 75
-"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
+"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` in sysexits.h)."""
 
 _POLL_S = 0.2
 _CLOSE_S = 5.0
@@ -89,7 +89,7 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Address of the policy for workers. The server declares the execution of chunks."""
+        """Policy address for workers. The server declares the execution of chunks."""
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
@@ -145,7 +145,7 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 
     An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
-    # The server enforces the deadline; this longer deadline is for a server that fails to. The first answer may have to
+    # The server enforces the deadline; this longer deadline covers a server that fails to. The first answer may have to
     # wait until weights are loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)

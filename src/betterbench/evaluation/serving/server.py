@@ -1,4 +1,4 @@
-"""Server of a policy with the openpi protocol, for the workers of a run and for other clients."""
+"""Policy server with the openpi protocol, for a run's workers and for other clients."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ DEFAULT_CHUNK = 8
 MAX_CHUNK = 256
 MOST_CLIENTS = 10_000
 KEPT_INSTANCES = 1
-"""Number of idle instances of a policy kept for new clients; others are closed."""
+"""Number of idle policy instances kept for new clients; others are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server detects the start of an episode, for which the protocol has no message."""
+"""How a server detects the start of an episode, since the protocol has no message for it."""
 
 
 def open_server(
@@ -60,23 +60,23 @@ def open_server(
     """Return a server of a policy, bound to its port. The server answers after its start.
 
     Args:
-        policy: Address of the policy.
+        policy: Policy address.
         host: Interface to listen on.
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert.
-        batch: Maximum observations in one call of a policy that supports batches.
-        clients: Maximum simultaneous clients, not counting the workers of a run.
+        batch: Maximum number of observations in one call to a policy that supports batches.
+        clients: Maximum simultaneous clients, not counting a run's workers.
         trial: Trial of clients that name none; if None, an expert finds the trial by the instruction.
-        layout: Preset in which an expert reads requests and answers; None for native and openpi's LIBERO layout.
+        layout: Preset in which an expert reads requests and answers them; None for native and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
         made: An existing policy, which the server will close, or None.
-        deadline: Deadline of an answer, for the workers of a run (whose records contain error messages); None for all
+        deadline: Answer deadline, for a run's workers (whose records contain error messages); None for all
             other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
             damaged, or the port is not available.
-        UnknownNameError: If there is no such policy, task, condition or preset.
+        UnknownNameError: If no such policy, task, condition or preset exists.
     """
     if not 1 <= chunk <= MAX_CHUNK:
         raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")
@@ -144,8 +144,9 @@ def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Ada
 class SessionStore:
     """Instances of a policy: one for all connections if it supports batches, otherwise one per connection.
 
-    An instance whose connection has ended serves the next connection, which avoids loading weights again when a client
-    reconnects. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins with a reset.
+    An instance whose connection has ended serves the next connection, so a client that reconnects does not cause the
+    weights to be loaded again. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins
+    with a reset.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ def declare(
 
     ``batch`` is the maximum number of observations in one call, ``more`` contains further facts for clients.
     ``cameras`` are the cameras that the policy uses, None for all. ``expert`` means that the server simulates the
-    client's trial, which our own clients then name.
+    client's trial; our own clients then name the trial.
     """
     return {
         "betterbench": {

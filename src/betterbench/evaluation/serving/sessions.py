@@ -43,7 +43,7 @@ class ShadowSession:
         Args:
             shadows: The simulations of all clients.
             chunk: Maximum actions in one answer.
-            trial: Trial of a client that names none, or None to find the trial by the instruction.
+            trial: Trial for a client that names none, or None to find the trial by the instruction.
             layout: Layout of requests and answers; None for native and openpi's LIBERO layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
@@ -86,7 +86,7 @@ class ShadowSession:
         self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
-        """Return the control step of a client: as sent, the end of the last chunk, or an earlier step of this chunk.
+        """Return a client's control step: as sent, the end of the last chunk, or an earlier step of this chunk.
 
         Many clients execute only some of the received actions, or none before they repeat a request. For a client that
         does not send its step, the state relative to the start of the episode determines the step in the chunk.
@@ -149,7 +149,7 @@ def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
 
 
 class Counter:
-    """Counter of the control steps of a client, which also detects the start of an episode."""
+    """Counter for a client's control steps, which also detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -167,7 +167,7 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Record that ``count`` actions from ``step`` on were sent, all of which a client without steps executes."""
+        """Record that ``count`` actions starting at ``step`` were sent; a client without steps executes all of them."""
         self._next = step + count
 
 
@@ -204,14 +204,14 @@ def trial_of(instruction: str) -> TrialId:
 
 
 class PolicySession:
-    """Session of a client of a policy that uses observations."""
+    """Session for a client of a policy that uses observations."""
 
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
         """Prepare a connection with its own policy, or with a policy that answers each observation independently.
 
-        ``trial`` gives the episode number if a client sends none. ``within`` is True for the workers of a run, where
+        ``trial`` gives the episode number if a client sends none. ``within`` is True for a run's workers, where
         errors have the message for the record.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close

@@ -53,8 +53,8 @@ class ShadowSimulation:
         """Build the scene and reset it.
 
         Raises:
-            UnknownNameError: If there is no such policy, task or condition.
-            PolicyError: If the scene contradicts the premise of the instruction.
+            UnknownNameError: If no such policy, task or condition exists.
+            PolicyError: If the scene contradicts the instruction's premise.
         """
         found = resolve_condition(trial.task, trial.condition)
         self.trial, self.condition = trial, found.condition

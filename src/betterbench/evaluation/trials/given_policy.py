@@ -49,7 +49,7 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
     """Return the kind of a caller's policy, which is not registered, because other processes cannot create the policy.
 
     Args:
-        name: Name that the policy declares, which may have the characters of addresses.
+        name: Name that the policy declares, limited to characters that are valid in addresses.
         source: Returns name and SHA-256 of the policy's file, or "".
     """
     form = AddressForm(scheme=name, example=name, target="none")
@@ -70,7 +70,7 @@ def needs_in_run(policy: str) -> PolicyNeeds:
 
 
 class _Lent:
-    """View of a policy whose ``close`` does nothing."""
+    """View of a policy with a ``close`` method that does nothing."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

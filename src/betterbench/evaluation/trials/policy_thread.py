@@ -1,4 +1,4 @@
-"""Thread for the answers of a policy, which keeps the simulation from waiting."""
+"""Thread for a policy's answers, which keeps the simulation from waiting."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """Outcome of a request.
+    """Request outcome.
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned.
         outcome: The reply, or the exception; None after a successful :meth:`PolicyThread.connect`.
-        figures: Counts of the policy's connection since the start of the episode (retries, reconnects), by name.
+        figures: Counts for the policy's connection since the start of the episode (retries, reconnects), by name.
         wire_s: CPU time of this side for messages: resizing, packing and sending images, reading the answer [s].
     """
 
@@ -53,7 +53,7 @@ class PolicyThread:
         """Start the thread.
 
         A failed ``make`` is called again at the next request. ``client`` means that the policy is one of our own
-        clients of a server, which counts its requests and gets the trial (sent only to the server of an expert).
+        clients of a server; its requests are counted, and it gets the trial (sent only to an expert's server).
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
@@ -80,7 +80,7 @@ class PolicyThread:
 
     @property
     def ready_at(self) -> float:
-        """Time from which the policy is ready, by ``time.perf_counter`` [s]; infinite until it is loaded."""
+        """Time at which the policy is ready, from ``time.perf_counter`` [s]; infinite until the policy is loaded."""
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:

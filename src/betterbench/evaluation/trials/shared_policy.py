@@ -16,7 +16,7 @@ from betterbench.policies.factory import close_policy
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """Deadline of a policy that the run itself serves."""
+    """Deadline for a policy that the run itself serves."""
 
     limit_s: float
     """Longest time from request to answer [s]."""
@@ -77,7 +77,7 @@ class SharedPolicy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Given:
-    """Answer with its share of the CPU time of a batch [s]."""
+    """Answer, with its share of a batch's CPU time [s]."""
 
     actions: np.ndarray
     cost_s: float

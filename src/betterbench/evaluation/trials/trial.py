@@ -49,10 +49,11 @@ class RunSettings:
     """Settings shared by all trials of a run, small and picklable for sending to a worker.
 
     Attributes:
-        run: Folder of the run.
-        policy: Address of the policy, as in the records.
+        run: Run folder.
+        policy: Policy address, as in the records.
         envs: Number of environments that a worker keeps open, or the initial number.
-        policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
+        policy_timeout_s: Deadline for one answer of a policy in the worker process [s]; servers have their own
+            deadline.
         served_at: Address of the host process that runs the policy for all workers, or None.
         task_files: User files that workers load first.
         held: Parent folders of the run that the starting process has locked.
@@ -60,9 +61,9 @@ class RunSettings:
         known: Declaration of an external policy server at the start of the run; None without such a server.
         world: The world in which the trials are run.
         most_envs: Maximum number of environments that a warm-up may choose; at most ``envs`` if the number is fixed.
-        workers: Workers of the run, which share the memory of their machine.
-        trials: Maximum number of trials left at the start of the run; 0 if unknown.
-        turn: Index of the worker, which determines the EGL device.
+        workers: Run workers, which share the memory of their machine.
+        trials: Maximum number of trials left when the run started; 0 if unknown.
+        turn: Worker index, which determines the EGL device.
     """
 
     run: str
@@ -86,7 +87,7 @@ class RunSettings:
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
-        """Return the settings for a plan and the folder of its run."""
+        """Return the settings for a plan and its run's folder."""
         return cls(
             str(run.absolute()),
             plan.policy,
@@ -102,7 +103,7 @@ class RunSettings:
 
     @property
     def asked(self) -> str:
-        """Address of the policy for workers."""
+        """Policy address for workers."""
         return self.served_at or self.policy
 
     @property
@@ -112,7 +113,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """Runner of the trials of one worker, with shared policies, observer and world processes."""
+    """Runner for one worker's trials, with shared policies, observer and world processes."""
 
     def __init__(
         self,
@@ -121,7 +122,7 @@ class TrialRunner:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Determine the needs of the policy; raise a BetterError if this fails."""
+        """Determine the policy's needs; raise a BetterError if this fails."""
         self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
@@ -146,7 +147,7 @@ class TrialRunner:
         journal entry, which the caller writes, so that only one process appends.
 
         Raises:
-            PremiseError: If the scene contradicts the premise of the instruction; the run must stop.
+            PremiseError: If the scene contradicts the instruction's premise; the run must stop.
             StorageError: If the disk is full; the run must stop.
         """
         began = time.perf_counter()
@@ -205,7 +206,7 @@ class TrialRunner:
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
-        """Run an episode of a policy that needs no thread; return the result and a faulty policy's ground truth."""
+        """Run an episode with a policy that needs no thread; return the result and a faulty policy's ground truth."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
             result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
@@ -259,12 +260,12 @@ class TrialRunner:
         return scene, context
 
     def _write(self, scene: TrialScene, result: EpisodeResult) -> tuple[str, str]:
-        """Write the record of a trial and (once) its scene; return the record's SHA-256 and the scene's digest."""
+        """Write a trial's record and (once) its scene; return the record's SHA-256 and the scene's digest."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
             return file_digest(path), self.run.keep_scene(scene)
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
-    """Return the journal entry of a trial that broke down with its worker."""
+    """Return the journal entry for a trial that broke down together with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})

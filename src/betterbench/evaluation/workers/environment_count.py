@@ -1,9 +1,9 @@
-"""Choice of the number of environments of a worker, from measurements in a warm-up.
+"""Choice of a worker's number of environments, from measurements in a warm-up.
 
 A worker with n environments is a closed queue: a chunk takes S seconds of the worker's time and L seconds of the
 policy's time. With fewer environments than the knee, (L + S) / S, the worker waits; near the knee, fluctuations still
 cost a quarter to a third. Twice the knee is therefore opened, if the policy can handle it. A server that answers one
-question at a time only gets a longer queue, which its throughput reveals. Records do not depend on the number.
+question at a time only gets a longer queue, which shows in its throughput. Records do not depend on the number.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Window:
         envs: The number.
         latency_s: Median time of an answer [s].
         worker_s: Mean time that the worker spends on a chunk: physics, images and record [s].
-        rate: Answers per second of the time in which no trial was set up.
+        rate: Answers per second, measured while no trial was being set up.
     """
 
     envs: int
@@ -63,7 +63,7 @@ class Window:
 
 
 class EnvironmentCount:
-    """Control of the number of environments of one worker.
+    """Controller for one worker's number of environments.
 
     The number begins with ``first``. Requests before the first answer (when a server may compile its model) and answers
     after a reconnection are ignored. After most environments have had an answer, a window of answers is measured and
@@ -111,7 +111,7 @@ class EnvironmentCount:
         """Record an answer to an observation.
 
         Args:
-            environment: Index of the environment.
+            environment: Environment index.
             asked_at: Time of the request [s], on the clock of ``now``.
             now: Time of the answer [s].
             took_s: Time from request to answer [s].

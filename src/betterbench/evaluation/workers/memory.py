@@ -24,7 +24,7 @@ _FILES_V2, _FILES_V1 = "inactive_file", "total_inactive_file"
 def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | None:
     """Return the memory that this process can still use, limited by the machine and by control groups [bytes].
 
-    None if unknown. Unused files in a group's cache are free memory.
+    Returns None if unknown. Unused files in a group's cache are free memory.
     """
     found = list(_machine_free(proc)) + list(_groups_free(proc, groups))
     return max(0, min(found)) if found else None
@@ -75,7 +75,7 @@ def _machine_free(proc: Path) -> Iterator[int]:
 
 
 def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
-    """Yield the free memory of each control group with a limit, of version 1 and 2, up to the root."""
+    """Yield the free memory of each control group that has a limit, versions 1 and 2, up to the root."""
     try:
         lines = (proc / "self" / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:

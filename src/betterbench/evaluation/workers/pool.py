@@ -47,13 +47,13 @@ class WorkerProcess(SpawnedProcess):
 
 @dataclass(frozen=True, slots=True)
 class OpenEnvironments:
-    """Message of a worker process: the number of simultaneous trials from now on."""
+    """Message to a worker process: the number of simultaneous trials from now on."""
 
     envs: int
 
 
 class WorkerPool:
-    """Pool that runs trials in worker processes and repeats the trials of a dead process. A context manager."""
+    """Pool that runs trials in worker processes and repeats a dead process's trials. A context manager."""
 
     def __init__(
         self,

@@ -18,7 +18,7 @@ class StepsTaken:
 
 
 class StepReport:
-    """Counter of the steps of one worker, called after every step, which reports at intervals."""
+    """Counter for one worker's steps; it is called after every step and reports at intervals."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
         """Prepare; ``hand_over`` gets the steps since its last call."""

@@ -57,10 +57,10 @@ LEAVE_S = 2.0
 
 
 def usual_envs(policies: PolicyFactory) -> int:
-    """Return the default number of environments of a worker.
+    """Return a worker's default number of environments.
 
     The default is 1 for a policy that answers immediately, and for a Python policy that answers one observation at a
-    time, because each environment has its own instance, which may have large weights.
+    time, because each environment would have its own instance, possibly with large weights.
     """
     needs = policies.needs
     if not needs.thread:
@@ -108,7 +108,7 @@ class _Slot:
     outcome: Reply | BaseException | None = None  # reply to the last question, until the trial takes it
     waits: bool = False  # the trial cannot continue before the outcome arrives
     figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
-    wire_s: float = 0.0  # processor time of the messages of the trial
+    wire_s: float = 0.0  # processor time for the trial's messages
     connecting: bool = False  # new environment, which takes trials after reaching its policy
 
 
@@ -126,7 +126,7 @@ class Worker:
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,
     ) -> None:
-        """Prepare, and determine the needs of the policy. The worker closes ``policies``, or creates its own.
+        """Prepare, and determine the policy's needs. The worker closes ``policies``, or creates its own.
 
         ``on_step`` is called after every control step of any trial.
         """
@@ -208,7 +208,7 @@ class Worker:
         """Run the trials until one has ended or ``timeout_s`` [s] has passed, and return the journal entries.
 
         Raises:
-            PremiseError: If a scene contradicts the premise of its instruction.
+            PremiseError: If a scene contradicts its instruction's premise.
             StorageError: If the disk is full.
             PolicyUnavailableError: If the policy's server cannot be reached. The previous call returned the entry of
                 the trial.
@@ -291,7 +291,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the fault may have been detected here, such as an action of the wrong shape
+            slot.thread.distrust()  # the fault may have been detected here, for example an action with the wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry
@@ -315,7 +315,7 @@ class Worker:
             slot.ticket = slot.thread.connect()
 
     def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
-        """Start using a new environment, or keep the current number if the policy refuses the connection."""
+        """Start using a new environment, or keep the current number if the policy rejects the connection."""
         slot.connecting = False
         if isinstance(outcome, BaseException):
             logger.warning(
@@ -391,7 +391,7 @@ class Worker:
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
-        """Return the deadline of a request, by ``time.perf_counter`` [s].
+        """Return a request's deadline, by ``time.perf_counter`` [s].
 
         The deadline starts after loading, which has its own deadline.
         """

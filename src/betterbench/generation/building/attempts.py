@@ -1,7 +1,7 @@
 """Building of one task: the attempts at a certified task, and the smallest change that helps.
 
-A task that fails its certificate is changed and examined again: first its failing variations are left out, then its
-objects get other slots, then other assets are chosen.
+A task that fails its certificate is changed and examined again: first its failing variations are left out, then more
+demonstrations are measured, then its objects get other slots, then other assets are chosen.
 """
 
 from __future__ import annotations
@@ -22,13 +22,33 @@ from betterbench.tasks.authoring.regimes import ListedRegime
 
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 """Smallest numbers of variations of a task, and of axes among them."""
-CHANGES: tuple[tuple[str, int, int], ...] = (
-    ("as described", 0, 0),
-    ("other slots", 1, 0),
-    ("other slots", 2, 0),
-    ("other assets for the same descriptions", 0, 1),
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    """Change of a task that is tried after a failure.
+
+    Attributes:
+        words: The change in words.
+        slots: Seed of the slots.
+        assets: Number of the choice of assets.
+        demonstrations: Factor of the number of demonstrations.
+    """
+
+    words: str
+    slots: int = 0
+    assets: int = 0
+    demonstrations: int = 1
+
+
+CHANGES = (
+    _Change("as described"),
+    _Change("three times the demonstrations", demonstrations=3),
+    _Change("other slots", slots=1),
+    _Change("other slots", slots=2),
+    _Change("other assets for the same descriptions", assets=1),
 )
-"""Attempts in their order: the change, the seed of the slots, and the number of the choice of assets."""
+"""Attempts in their order. More demonstrations help only if a pose is outside the training distribution (clause b)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +85,15 @@ def build_task(
     """Return a certified task for a scenario, or the reason for which every attempt failed."""
     attempts: list[Attempt] = []
     tried: list[GeneratedTask] = []
-    for change, slots, assets in CHANGES:
+    for change in CHANGES:
+        more = change.demonstrations > 1
+        if more and not (attempts and attempts[-1].failures and all(f.clause == "b" for f in attempts[-1].failures)):
+            continue
         try:
-            cast, chosen = cast_of(scenario, catalogue, seed=slots, attempt=assets)
+            cast, chosen = cast_of(scenario, catalogue, seed=change.slots, attempt=change.assets)
             made = pattern_of(scenario.template)(cast)
-            if made in tried:
-                attempts.append(Attempt(change, "there are none"))
+            if made in tried and not more:
+                attempts.append(Attempt(change.words, "there are none"))
                 continue
             tried.append(made)
             balanced = ListedRegime(made.balanced, made.crossed, made.aside)
@@ -79,21 +102,22 @@ def build_task(
             lacking = _lacking(task)
             if lacking:
                 reasons = "; ".join(f"{u.title}: {u.reason}" for u in made.unbuilt)
-                attempts.append(Attempt(change, f"{lacking} ({reasons})" if reasons else lacking))
+                attempts.append(Attempt(change.words, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
-                proof = prove(known, settings.seeds, settings.demonstrations, on_step=on_step)
+                number = max(settings.demonstrations, len(known.training)) * change.demonstrations
+                proof = prove(known, settings.seeds, number, on_step=on_step)
         except BetterError as error:
-            attempts.append(Attempt(change, one_line(str(error), most=600)))
+            attempts.append(Attempt(change.words, one_line(str(error), most=600)))
             continue
         failures = proof.failures
         reduced = without(known, [f.condition for f in failures])
         trained = all(f.condition not in {c.name for c in known.training} for f in failures)
         lacking = _lacking(reduced) if trained else "a training condition is not certified"
         if failures and lacking:
-            attempts.append(Attempt(change, lacking, failures))
+            attempts.append(Attempt(change.words, lacking, failures))
             continue
-        attempts.append(Attempt(change, "", failures))
+        attempts.append(Attempt(change.words, "", failures))
         kept = {c.name for c in reduced.training} | {v.name for v in reduced.variations}
         passed = dataclasses.replace(proof, trials=tuple(t for t in proof.trials if t.condition in kept))
         final = dataclasses.replace(made, task=reduced)

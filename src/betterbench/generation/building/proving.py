@@ -76,8 +76,7 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
         demonstrations: Number of demonstrations, at least one for each training condition.
         on_step: Called with the name of each trial before it is run.
     """
-    number = max(demonstrations, len(task.training))
-    first, later = planned_demonstrations(task, number)
+    first, later = planned_demonstrations(task, demonstrations)
     found = [_said(on_step, trial, demonstrate) for trial in first]
     so_far = summed_up(task, found)
     found += [_said(on_step, trial, lambda t: demonstrate(t, so_far)) for trial in later]
@@ -92,7 +91,7 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
             certificates += [_said(on_step, trial, examine) for trial in trials]
             if not all(certificate.passed for certificate in certificates):
                 break
-    return Proof(measured, number, tuple(certificates))
+    return Proof(measured, demonstrations, tuple(certificates))
 
 
 def _said(on_step: Callable[[str], None] | None, trial: TrialId, work: Callable[[TrialId], _FoundT]) -> _FoundT:

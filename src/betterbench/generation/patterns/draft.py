@@ -188,14 +188,14 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Return the task of the first choice with enough room; InvalidInputError of the first choice if there is none."""
+    """Return the task of the first choice with enough room; InvalidInputError of the last choice if there is none."""
     errors = []
     for choice in choices:
         try:
             return build(choice)
         except InvalidInputError as error:
             errors.append(error)
-    raise errors[0]
+    raise errors[-1]
 
 
 def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:

@@ -176,7 +176,7 @@ def _add_look_alike(draft: Draft, cast: Cast, stack: _Stack, starts: dict[Object
     for spec, goes, base in ((two, three, "train1"), (three, two, "train2"), (one, three, "train1")):
         for other in look_alikes_of(cast, spec):
             choice = [a.remove(goes), a.move(spec, starts[goes]), a.add(other, starts[spec])]
-            title = f"{other.kind} where the {spec.kind} lay, {spec.kind} in the slot of the {goes.kind}"
+            title = f"{other.kind} where the {spec.kind} lay"
             if draft.vary("O", choice, title, LOOK_ALIKE, base):
                 return
     if not any(cast.look_alikes.get(o.name) for o in stack.layers):

@@ -20,19 +20,23 @@ from betterbench.tasks.authoring.operations import Operation
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 from betterbench.tasks.relations.beside import SIDES
 
-_DESK = Table(
-    starts=tuple(
-        a.Slot(f"front_{i}", 0.686, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
-    ),
-    stands=(
-        a.Slot("anchor_right", 0.485, 0.023, jitter_m=0.004, yaw_jitter=0.03),
-        a.Slot("anchor_left", 0.485, -0.023, jitter_m=0.004, yaw_jitter=0.03),
-    ),
+_FRONT = tuple(
+    a.Slot(f"front_{i}", 0.686, y) for i, y in enumerate((-0.202, -0.012, 0.178, -0.178, 0.012, 0.202), start=1)
 )
-"""Table of the suite's desk_meeting: six slots in front, three for each position of the anchor.
+_DESKS = tuple(
+    Table(
+        _FRONT,
+        (
+            a.Slot("anchor_right", x, 0.023, jitter_m=0.004, yaw_jitter=0.03),
+            a.Slot("anchor_left", x, -0.023, jitter_m=0.004, yaw_jitter=0.03),
+        ),
+    )
+    for x in (0.500, 0.495, 0.490, 0.485)
+)
+"""Tables of the suite's desk_meeting: six slots in front, three for each position of the anchor.
 
-The anchor has less jitter than in the suite and is 11 mm farther from the slots, so that no exchange of objects brings
-two in contact. Nearer to the robot, the arm would not reach behind a laptop."""
+The anchor has less jitter than in the suite, so that no exchange of objects brings two in contact. It stands as far
+from the robot as the objects in front allow: the nearer it is, the less of the space behind a laptop is in reach."""
 
 _SETTING = Table(
     starts=(
@@ -50,7 +54,7 @@ _SETTING = Table(
     besides=(a.Slot("front_left", 0.69, -0.17), a.Slot("back", 0.29, 0.24), a.Slot("back_left", 0.32, -0.15)),
 )
 """Table of the suite's breakfast_table: two long pieces lie at the edges, a compact one stands in front."""
-TABLES = (_DESK, _SETTING)
+TABLES = (*_DESKS, _SETTING)
 
 _FRONT_M = 0.070
 """Largest radius of an object in a slot in front [m]: longer ones reach out of view of the front camera."""
@@ -116,7 +120,7 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
     if long and (not _is_round(anchor) or len(long) != 2):
         _refuse_long(long[0])
     if not long:
-        return _desk(cast, anchor, items, sides)
+        return first_that_fits(_DESKS, functools.partial(_desk, cast, anchor, items, sides))
     stay = [o for o in in_role("distractor", cast.groups.get("distractors", ())) if _is_compact(o)]
     return first_that_fits([*_crowds(stay)], functools.partial(_setting, cast, anchor, items, sides))
 
@@ -173,7 +177,9 @@ def _with_last(items: Sequence[ObjectSpec], last: ObjectSpec) -> tuple[ObjectSpe
     return first, second, last
 
 
-def _desk(cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str]) -> GeneratedTask:
+def _desk(
+    cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str], table: Table
+) -> GeneratedTask:
     """Return a task whose items start in front of the anchor."""
     last = next((o for o in reversed(items) if _fits(o, sides[2])), None)
     wide = next((o for o in items if not _fits(o, "right")), None)
@@ -185,11 +191,11 @@ def _desk(cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tu
     ordered = _with_last(items, last)
     steps = tuple(zip(ordered, sides, strict=True))
     turn = np.random.default_rng(cast.seed).permutation(3).tolist()
-    near = {o: _DESK.starts[turn[i]] for i, o in enumerate(ordered)}
-    far = {o: _DESK.starts[3 + (turn[i] + 1) % 3] for i, o in enumerate(ordered)}
-    layouts = ({**near, anchor: _DESK.stands[0]}, {**far, anchor: _DESK.stands[1]})
+    near = {o: table.starts[turn[i]] for i, o in enumerate(ordered)}
+    far = {o: table.starts[3 + (turn[i] + 1) % 3] for i, o in enumerate(ordered)}
+    layouts = ({**near, anchor: table.stands[0]}, {**far, anchor: table.stands[1]})
     plan = _Plan(anchor, steps, layouts, tuple(itertools.permutations(steps, 2)))
-    draft = _draft(cast, plan, _DESK)
+    draft = _draft(cast, plan, table)
     one, two, three = plan.steps
     first, second, third = ordered
     draft.vary("L", [a.swap(first, second)], f"{first.kind} and {second.kind} exchanged", BY_KIND)
@@ -363,9 +369,22 @@ def _setting_balanced(
                 edges = (edge_1, edge_2) if which == 0 else (corner_1, corner_2)
                 fronts = (front, front_right)
                 one, two = edges if (number + order) % 2 else edges[::-1]
+                near, taken = ("right", edges[1]) if which == 0 else ("left", edges[0])
+                if _is_blocked(steps, near, left if one is taken else right):
+                    one, two = two, one
+                if _is_blocked(steps, near, left if one is taken else right):
+                    continue
                 here, there = fronts if (number // 2 + which) % 2 else fronts[::-1]
                 layout = {left: one, right: two, compact: here, **dict.fromkeys(spare, there)}
                 if (number + order + which) % 3 == 0:
                     asked = [step[0] for step in steps]
                     del layout[next(o for o in (left, right, compact) if o not in asked)]
                 yield a.condition({**layout, **others, plan.anchor: stand}, plan.put(*steps))
+
+
+def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
+    """Return whether the second step picks a piece next to the place where the first step has put something.
+
+    The piece starts at the edge beside which the anchor leaves little room.
+    """
+    return steps[0][1] == side and steps[1][0] is piece

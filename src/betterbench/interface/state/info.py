@@ -1,4 +1,4 @@
-"""Constant part of the privileged state during an episode: objects, their shapes, and slots of the table."""
+"""Constant part of the privileged state during an episode: objects, their shapes, and table slots."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """Constant properties of one object of a scene: its kind, its asset, its looks and its size.
+    """Constant properties of one scene object: its kind, asset, looks and size.
 
     Attributes:
         name: Name in the scene ("burger_1"); verdicts do not depend on it.
@@ -42,7 +42,7 @@ class ObjectInfo:
         color: Color word ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
         role: "item", "distractor", "container" or "fixture".
-        size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
+        size_m: Bounding box extents in the object frame [m]; the origin is the center of the bottom face.
         slot: Name of the object's start slot, or None.
         source: Origin of the asset, with its author; empty for the procedural library.
         license: License of the asset, empty in the same case.
@@ -80,8 +80,8 @@ class SlotInfo:
     Attributes:
         position: Center on the table [m], world frame.
         yaw: Nominal heading of an object in the slot [rad].
-        trained_kinds: Kinds of object in this slot in the training distribution.
-        picked_kinds: Kinds of object picked from this slot in the training distribution.
+        trained_kinds: Object kinds in this slot in the training distribution.
+        picked_kinds: Object kinds picked from this slot in the training distribution.
     """
 
     name: str
@@ -93,10 +93,10 @@ class SlotInfo:
 
 @dataclass(frozen=True, slots=True)
 class SceneInfo:
-    """Constant part of the privileged state of one scene.
+    """Constant part of a scene's privileged state.
 
     Attributes:
-        objects: All objects, in the order of the states.
+        objects: All objects, in the same order as in the states.
         home_position: End-effector position at reset [m], world frame.
         gripper_opening_m: Largest distance of the finger pads [m].
     """
@@ -112,7 +112,7 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return the index of an object in the lists of a state. Raises UnknownNameError if it does not exist."""
+        """Return an object's index in the lists of a state. Raises UnknownNameError if it does not exist."""
         try:
             return self._index[name]
         except KeyError:

@@ -1,4 +1,4 @@
-"""Objects in the image of a camera: the visible part of each and its position in the image.
+"""Objects in a camera's image: the visible part of each and its position in the image.
 
 These values can be computed from a record and the model.
 """
@@ -27,9 +27,9 @@ class SeenObject:
         fraction: Visible pixels divided by the pixels that the object would have without occlusion and without the
             image border, in [0, 1].
         pixels: Number of visible pixels.
-        centroid: Mean column and row of its visible pixels [pixel]; it may be outside them.
-        runs: Run-length encoding of its visible pixels, row by row: alternating lengths, beginning with pixels outside
-            the object.
+        centroid: Mean column and row of the object's visible pixels [pixel]; the mean may be outside them.
+        runs: Run-length encoding of the object's visible pixels, row by row: alternating lengths, beginning with pixels
+            outside the object.
     """
 
     box: Box
@@ -55,10 +55,10 @@ class FrameView:
     """One image of one state.
 
     Attributes:
-        camera: Name of the camera.
+        camera: Camera name.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        T_world_camera: Pose of the camera in the OpenCV convention: x right in the image, y down, z forward.
+        T_world_camera: Camera pose in the OpenCV convention: x right in the image, y down, z forward.
         focal: Focal length [pixel]; the optical axis goes through the center of the image.
         objects: Visible objects by name in the scene; the gripper is :data:`GRIPPER`. Objects without visible pixels
             are not listed.

@@ -13,11 +13,11 @@ from betterbench.json_form import strict_form
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CameraOffset:
-    """Pose of a camera in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
+    """Camera pose in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
 
     Attributes:
         shift_m: Position of the camera [m].
-        turn_rad: Rotation of the camera as an axis-angle vector [rad].
+        turn_rad: Camera rotation as an axis-angle vector [rad].
     """
 
     shift_m: Vector
@@ -27,7 +27,7 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Jitter of cameras and lights, on which images depend in addition to model and state.
+    """Camera and light jitter, which images depend on in addition to model and state.
 
     Attributes:
         cameras: Offset per camera; cameras that are not listed have their nominal pose.

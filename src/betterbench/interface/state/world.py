@@ -13,7 +13,7 @@ from betterbench.interface.state.info import SceneInfo
 
 
 class Contact(NamedTuple):
-    """One pair of touching bodies and the sum of the normal forces of all its contact points [N].
+    """One pair of touching bodies, with the sum of the normal forces over all contact points [N].
 
     A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
     for speed, because several are created at every control step.
@@ -43,7 +43,7 @@ class WorldState:
         joint_velocities: Arm joint velocities [rad/s].
         contacts: Touching pairs that involve the gripper or an object. If some objects must not be touched, this
             includes all contacts of the robot since the previous state.
-        held: Name of the object that both fingers touch and that nothing else supports, or None.
+        held: Name of the object that both fingers touch and nothing else supports, or None.
     """
 
     info: SceneInfo
@@ -68,7 +68,7 @@ class WorldState:
         return Pose(self.positions[i], self.quaternions[i])
 
     def position(self, name: str) -> Vector:
-        """Return the position of a named object in the world [m]: the center of its bottom face at rest."""
+        """Return a named object's position in the world [m]: the center of its bottom face at rest."""
         return self.positions[self.info.index(name)]
 
     def quaternion(self, name: str) -> Quaternion:
@@ -98,7 +98,7 @@ class PrivilegedPolicy(Protocol):
 
     @property
     def name(self) -> str:
-        """Address of the policy ("expert", "zoo:lexical")."""
+        """Policy address ("expert", "zoo:lexical")."""
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
         """Return one action in the ``ee_delta`` action space, shape (7,)."""

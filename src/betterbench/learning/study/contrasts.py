@@ -1,4 +1,4 @@
-"""Rates and gaps of groups of learners, and the difference of two groups on their common trials."""
+"""Rates and gaps of learner groups, and the difference between two groups on their common trials."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from betterbench.tasks import stream
 
 @dataclass(frozen=True, slots=True)
 class ArmFinding:
-    """Results of the learners of one arm on one task, or on all tasks ("").
+    """Results of one arm's learners on one task, or on all tasks ("").
 
     Attributes:
         training: Success rate on training conditions.
         variations: Success rate on all variations.
-        gap: Success rate of the twins minus that of the variations.
+        gap: The twins' success rate minus the variations' success rate.
         intention: Share of variation trials whose first attempt is at the right object.
     """
 
@@ -40,14 +40,14 @@ class ArmFinding:
 
 @dataclass(frozen=True, slots=True)
 class ArmContrast:
-    """Comparison of two groups of learners on the same trials; the second group is the baseline.
+    """Comparison between two groups of learners on the same trials; the second group is the baseline.
 
     Attributes:
-        success: Difference of the success rates on variations, over pairs of trials. Its p-value is from the sign-flip
-            test over pairs of learners with the same task and seed.
-        gap: Difference of the illusion gaps. Its interval is the wider of those over trials and over pairs of learners;
-            its p-value is from the same test.
-        learners: Number of pairs of learners.
+        success: Difference between the success rates on variations, over pairs of trials. Its p-value is from the
+            sign-flip test over pairs of learners with the same task and seed.
+        gap: Difference of the illusion gaps. The interval is the wider of the intervals over trials and over learner
+            pairs; the p-value is from the same test.
+        learners: Number of learner pairs.
     """
 
     name: str
@@ -75,13 +75,13 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Return the figure of a difference over a number of pairs; without pairs it has no interval."""
+    """Return the figure for a difference over a number of pairs; without pairs it has no interval."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return the results of the learners of one arm and lever on a task, or on all tasks for ""."""
+    """Return the results of the learners with one arm and lever on a task, or on all tasks for ""."""
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +93,7 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return the contrast of two groups of learners, over pairs with the same task, training seed and trials."""
+    """Return the contrast between two groups of learners, over pairs with the same task, training seed and trials."""
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])

@@ -1,4 +1,4 @@
-"""Doses of a confound: failure rates on variations that break the confound, by its share of the demonstrations."""
+"""Doses of a confound: failure rates on variations that break it, by the fraction of demonstrations that have it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLANTED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class DoseFinding:
-    """Results of learners trained with confounds in a given share of their demonstrations.
+    """Results of learners trained with confounds in a given fraction of their demonstrations.
 
     Attributes:
         dose: Share of the demonstrations with confounds.
@@ -68,7 +68,7 @@ def doses_of(
 def _matching(
     learner: LearnerOutcome, prediction: Prediction | None
 ) -> Iterator[tuple[TrialOutcome, str, frozenset[str]]]:
-    """Yield the trials of variations that break a planted confound, with the predicted label and those of the card."""
+    """Yield trials of variations that break a planted confound, with the predicted label and the card's labels."""
     for forecast in () if prediction is None else prediction.variations:
         if forecast.risk > 0.0 and forecast.label in CROSSED:
             known = frozenset(label.value for label in exposed_labels(learner.learner.task, forecast.variation))
@@ -79,7 +79,7 @@ def _matching(
 def rises(doses: Sequence[DoseFinding]) -> bool | None:
     """Return whether failure rises with the dose without any significant fall in between.
 
-    None if fewer than two doses were measured.
+    Returns None if fewer than two doses were measured.
     """
     ends = [
         (d.failure.value, d.failure.low, d.failure.high)

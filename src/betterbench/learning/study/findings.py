@@ -39,12 +39,13 @@ from betterbench.tasks.interventions import resolve_condition
 SOLVED = 0.5
 """Success rate above which a variation is solved, if the interval excludes this rate."""
 DROPPED = 0.5
-"""Share of the success in training below which a variation is failed in the score of the prediction."""
+"""Training success below which a variation counts as failed in the prediction's score."""
 CONTRAST = "balanced against confounded"
-"""Name of the contrasts of a page."""
+"""Names of a page's contrasts."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
-"""Names of the contrasts that separate coverage from decorrelation. The arms of the first differ in the number of shown
-conditions, those of the second in whether each word is tied to its place."""
+"""Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number
+of shown conditions; the arms in the second differ in whether each word is tied to its place.
+"""
 
 GapVerdict = Literal[
     "no gap",
@@ -105,8 +106,8 @@ class KnownFinding:
 class RepeatedFinding:
     """Replication of the verdict "decorrelation is enough" with learners that were excluded from the verdict.
 
-    Each training seed is left out in turn. The variations are those with this verdict according to the learners of all
-    other seeds. The trials are those of the excluded balanced learner in the same scenes.
+    Each training seed is left out in turn. The variations are those with this verdict according to the learners with
+    all other seeds. The trials are those of the excluded balanced learner in the same scenes.
 
     Attributes:
         variations: Number of variations with the verdict, summed over the excluded seeds.
@@ -133,7 +134,7 @@ class PredictionFinding:
     Attributes:
         area: Probability that a failed variation had a higher risk than a solved one (AUROC); ``n`` counts variations.
         failed: Number of failed variations.
-        label: Share of failed trials with the predicted label of their variation.
+        label: Fraction of failed trials with the label predicted for their variation.
         exposed: Share of failed trials with a label on their variation's card.
     """
 
@@ -152,7 +153,8 @@ class StudyFindings:
         coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty without
             such an arm.
         known: Results on the variations without anything never shown; None without the balanced and confounded arms.
-        repeated: Replication of the verdicts with excluded learners; None without two training seeds of both arms.
+        repeated: Replication of the verdicts without the excluded learners; None unless both arms have two training
+            seeds.
         doses: Results by the share of demonstrations with confounds; empty for a plan without mixtures.
     """
 
@@ -316,14 +318,14 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials; None if too few trials leave it open."""
+    """Return whether learners solve more than half of the trials; None if there are too few trials to tell."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None
 
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
-    """Return the verdict on the cause of a variation's gap, from the success of the trained roles."""
+    """Return the verdict on the cause of a variation's gap, from the trained roles' success."""
     confounded, diverse, balanced, covered = (
         solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
     )
@@ -356,7 +358,7 @@ def reworded(task: str) -> tuple[str, ...]:
 
 
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
-    """Return the rate at which the first target of learners changes between twins that differ only in words.
+    """Return the rate at which a learner's first target changes between twins that differ only in words.
 
     A trial without an attempt has no target; its pair is treated as unchanged.
     """
@@ -369,7 +371,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Return the score of the prediction: its ranking of the variations, and its labels of the failed trials."""
+    """Return the prediction's score: its ranking of the variations, and its labels for the failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

@@ -1,4 +1,4 @@
-"""Training of the learners of a study: one in this process, or several in parallel, each in its own process.
+"""Training of a study's learners: one in this process, or several in parallel, each in its own process.
 
 A learner of this size uses one processor, so two learners in parallel take as long as one.
 """
@@ -33,7 +33,7 @@ class TrainedPolicy:
     """Trained learner as a policy for evaluation.
 
     Attributes:
-        address: Address of the policy.
+        address: Policy address.
         digest: SHA-256 of its checkpoint.
         observation: Observation preset for its evaluation.
         quality: Render preset for its evaluation.
@@ -50,7 +50,7 @@ class TrainedPolicy:
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
-        """Return the policy of a recipe, to be evaluated with the views of its training."""
+        """Return a recipe's policy, to be evaluated with the views of its training."""
         if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
@@ -62,7 +62,7 @@ class TrainingJob:
 
     Attributes:
         out: Folder of the training.
-        begins_with: SHA-256 of the start checkpoint of the recipe; "" if unknown.
+        begins_with: SHA-256 of the recipe's start checkpoint; "" if unknown.
     """
 
     recipe: TrainingRecipe
@@ -90,7 +90,7 @@ def train_learners(
 
     Raises:
         TrainingError: If a process dies.
-        BetterError: Error of a job. The other jobs are stopped too, and everything saved is kept.
+        BetterError: Job error. The other jobs are stopped too, and everything saved is kept.
     """
     for job in jobs:
         _draw(job, tell, workers)
@@ -114,7 +114,7 @@ def train_learners(
 
 
 def _listen(learner: _Learner) -> None:
-    """Process one message; raise the error of the process, or TrainingError if it ended without a message."""
+    """Process one message; raise the process's error, or TrainingError if it ended without a message."""
     try:
         said = learner.connection.recv()
     except (EOFError, OSError):

@@ -1,4 +1,4 @@
-"""Levers: effects of changes of the recipe, per axis and overall, in the layout of the paper's Table 3."""
+"""Levers: effects of recipe changes, per axis and overall, in the layout of the paper's Table 3."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from betterbench.tasks import Axis, get_task
 
 @dataclass(frozen=True, slots=True)
 class LeverRow:
-    """Results of the learners of one recipe.
+    """Results of one recipe's learners.
 
     Attributes:
         found: Results on all their tasks; its ``lever`` is "" for the unchanged recipe.
-        axes: Success rate on the variations of each axis, by axis name.
+        axes: Success rate on each axis's variations, by axis name.
         against: Difference from the learners they are compared with, over trials of the same tasks and training seeds;
             None for the unchanged recipe.
-        start: Arm whose learners provide the initial weights, so that its demonstrations were also seen; None without
-            one.
+        start: Arm whose learners provide the initial weights, so that the learner has also seen that arm's
+            demonstrations; None if there is none.
         compared: Lever of the learners they are compared with; None for the unchanged recipe.
     """
 
@@ -40,7 +40,7 @@ class LeverTable:
     Attributes:
         arm: Arm of the learners.
         tasks: Tasks of the learners.
-        seeds: Number of training seeds of each task.
+        seeds: Number of training seeds per task.
     """
 
     arm: str
@@ -50,7 +50,7 @@ class LeverTable:
 
 
 def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
-    """Yield one table per arm and set of tasks on which levers were tried, in the order of the plan."""
+    """Yield one table per arm and set of tasks for which levers were tried, in plan order."""
     groups: dict[tuple[str, tuple[str, ...]], list[Lever]] = {}
     for lever in plan.levers:
         for arm in lever.arms or tuple(plan.arms):

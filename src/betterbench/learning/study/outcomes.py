@@ -1,4 +1,4 @@
-"""Outcomes of the trials of learners, from which the findings of a study are computed."""
+"""Outcomes of learners' trials, from which a study computes its findings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class TrialOutcome:
 
     Attributes:
         variation: Variation, or None for a training condition.
-        condition: Training condition; for a variation, that of its twin.
+        condition: Training condition; for a variation, the twin's training condition.
         label: Label of the diagnosis.
         intention: Whether the first attempt was at the right object; None without a record.
         target: Slot or object of the first attempt; None without an attempt.
@@ -58,7 +58,7 @@ class LearnerOutcome:
         return [t for t in self.trials if t.variation is not None]
 
     def pairs(self, variation: str | None = None) -> list[tuple[TrialOutcome, TrialOutcome]]:
-        """Return twin and trial of each trial of a variation, or of all variations for None."""
+        """Return twin and trial for each trial of a variation, or of all variations for None."""
         trained = {t.twin: t for t in self.of(None)}
         trials = self.varied if variation is None else self.of(variation)
         return [(trained[t.twin], t) for t in trials if t.twin in trained]
@@ -68,7 +68,7 @@ _TRIALS = TypeAdapter(tuple[TrialOutcome, ...])
 
 
 def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
-    """Return the outcomes of the trials of a diagnosed run."""
+    """Return the trial outcomes of a diagnosed run."""
     return tuple(
         TrialOutcome(
             t.variation,

@@ -60,7 +60,7 @@ class Expectation:
     """Expectation of a study with its result.
 
     Attributes:
-        held: Whether it was met; None if open or not measured.
+        held: Whether the expectation was met; None if open or not measured.
     """
 
     expected: str
@@ -140,7 +140,7 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
 
 
 def study_style() -> str:
-    """Return the style sheet of the page of a study."""
+    """Return the style sheet for a study's page."""
     return "".join(asset(f"{name}.css") for name in ("page", "figure", "study"))
 
 
@@ -195,7 +195,7 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
 
 
 def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
-    """Return the expectations of the study with results; those about learners that have not learned stay open."""
+    """Return the study's expectations with results; expectations about learners that have not learned stay open."""
     lines = []
     if found.known is not None and found.known.variations:
         gap, solved = found.known.contrast.gap, found.known.balanced
@@ -282,7 +282,7 @@ def _area_text(area: Figure, failed: int) -> str:
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return all numbers of the page as one long table; fractions, empty if there is no such number."""
+    """Return all numbers on the page as one long table of fractions; empty if there are none."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:
@@ -321,7 +321,7 @@ def numbers_table(found: StudyFindings) -> Table:
 
 
 def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
-    """Yield the key (task, no variation, arm with lever) and the numbers of each row of the lever tables."""
+    """Yield the key (task, no variation, arm with lever) and the numbers for each row of the lever tables."""
     for table in found.levers:
         for row in table.rows:
             against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}

@@ -1,4 +1,4 @@
-"""Plan of a study: tasks, arms, training seeds and changes of the recipe."""
+"""Study plan: tasks, arms, training seeds and changes of the recipe."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ class Lever:
 
     Attributes:
         name: Name in files and tables.
-        changes: Fields of the recipe.
+        changes: Recipe fields.
         arms: Arms with this change; all if empty.
         tasks: Tasks with this change; all if empty.
-        start: Arm whose learner of the same task and training seed, with the unchanged recipe, provides the initial
-            weights; ``changes`` may then freeze parts of them. None for random weights.
+        start: Arm whose learner with the same task and training seed, and with the unchanged recipe, provides the
+            initial weights; ``changes`` may then freeze parts of them. None for random weights.
         against: Lever on the same arms and tasks for the comparison; the unchanged recipe if None.
-        questions: Approximate number of co-training questions about the demonstrations of each regime of its arm. The
-            study creates them; ``co_training`` in ``changes`` may set their weight.
+        questions: Approximate number of co-training questions about the demonstrations in each regime of the lever's
+            arm. The study creates them; ``co_training`` in ``changes`` may set their weight.
     """
 
     name: _Name
@@ -94,15 +94,15 @@ def _usual_arms() -> dict[str, dict[Regime, float]]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StudyPlan:
-    """Plan of a study.
+    """Study plan.
 
     Attributes:
-        arms: Regime shares of the demonstrations of each arm. An arm with two regimes has a planted confound at that
+        arms: Regime shares of each arm's demonstrations. An arm with two regimes has a planted confound at that
             dose.
         seeds: Training seeds; each task and arm is trained with each seed.
         demos: Demonstrations per training condition; other regimes distribute the same total over their conditions.
-        sources: Number of these that come from the expert, from which the others are generated; 0 if all come from the
-            expert.
+        sources: Number of demonstrations that come from the expert, from which the others are generated; 0 if all come
+            from the expert.
         noise: Noise on the executed actions of generated demonstrations, in action units.
         trials: Trials per variation for each learner, and in total for its training conditions.
         recipe: Fields of the training recipe that differ from its defaults.
@@ -167,7 +167,7 @@ class StudyPlan:
             raise InvalidInputError("trials", problem, "Give fewer trials or tasks")
 
     def learners(self) -> Iterator[PlannedLearner]:
-        """Yield all learners, those of the first seed first, so that a partial study is already informative."""
+        """Yield all learners, starting with the first seed, so that a partial study is already informative."""
         for seed in self.seeds:
             yield from (PlannedLearner(task, arm, seed) for task in self.tasks for arm in self.arms)
         for lever in self.levers:
@@ -183,7 +183,7 @@ class StudyPlan:
         return PlannedLearner(learner.task, lever.start, learner.seed)
 
     def questions_of(self, learner: PlannedLearner) -> int:
-        """Return the approximate number of questions about each set of a learner, 0 if the study creates none."""
+        """Return the approximate number of questions about each of a learner's sets, 0 if the study creates none."""
         lever = self._lever_of(learner)
         return 0 if lever is None else lever.questions
 
@@ -191,7 +191,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError for a lever that cannot be compared with the one that it names."""
+        """Raise InvalidInputError for a lever that cannot be compared with the lever that it names."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -207,7 +207,7 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, f"Give both levers the same {name}")
 
     def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
-        """Raise InvalidInputError for a start whose weights have other shapes than those of the new learner."""
+        """Raise InvalidInputError for a start whose weights have different shapes than the new learner's."""
         start = self.start_of(learner)
         if start is None:
             return
@@ -235,7 +235,7 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, "Use a start arm that shows it, or leave out the task")
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return the demonstrations of an arm per training condition, by regime; their sum is ``demos``.
+        """Return an arm's demonstrations per training condition, by regime; their sum is ``demos``.
 
         Each regime has at least one. The others are distributed as close to the shares as possible.
         """
@@ -248,11 +248,11 @@ class StudyPlan:
         return found
 
     def dose_of(self, arm: str) -> float:
-        """Return the share of an arm's demonstrations with confounds, in whole demonstrations."""
+        """Return the fraction of an arm's demonstrations with confounds, in complete demonstrations."""
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm trained only on the regime of a role; None if there is none."""
+        """Return the first arm trained only on a role's regime; None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
     def recipe_of(
@@ -263,9 +263,9 @@ class StudyPlan:
         start: str = "start",
         questions: tuple[str, ...] = ("questions",),
     ) -> TrainingRecipe:
-        """Return the recipe of a learner for the folders of its demonstrations.
+        """Return a learner's recipe for the folders of its demonstrations.
 
-        ``start`` is the folder of its initial weights, and ``questions`` are the folders of its question sets.
+        ``start`` is the folder with its initial weights, and ``questions`` are the folders with its question sets.
 
         Raises:
             InvalidInputError: If a field is unknown or out of range; the message names it.

@@ -51,8 +51,8 @@ class StudyProgress:
         number: Current stage, from 1.
         stages: Number of stages.
         name: Name of the current stage.
-        done: Finished units of work of this stage.
-        planned: Total units of work of this stage; 0 if unknown.
+        done: Number of finished work units in this stage.
+        planned: Total number of work units in this stage; 0 if unknown.
         note: Description of the current work.
     """
 
@@ -69,13 +69,13 @@ OnStudy = Callable[[StudyProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class StudyOutcome:
-    """Outcome of a study: all measurements.
+    """Study outcome: all measurements.
 
     Attributes:
-        plan: Plan of the study.
-        learners: The trials of each learner.
-        predictions: Folder of the confounded set of each task, whose prediction.json predicts the failures.
-        seconds: Durations of the stages by kind [s]; interrupted sessions are not counted.
+        plan: Study plan.
+        learners: Each learner's trials.
+        predictions: Folder with each task's confounded set, whose prediction.json predicts the failures.
+        seconds: Stage durations by kind [s]; interrupted sessions are not counted.
     """
 
     plan: StudyPlan
@@ -121,7 +121,7 @@ _OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
     "learners": TypeAdapter(_Learned),
     "runs": TypeAdapter(_Evaluated),
 }
-"""Form of the output of each kind of stage."""
+"""Output format of each kind of stage."""
 
 
 def run_study(
@@ -137,8 +137,8 @@ def run_study(
     A larger plan continues in the same folder.
 
     Args:
-        plan: Plan of the study.
-        out: Folder of the study.
+        plan: Study plan.
+        out: Study folder.
         workshop: Functions that do the work.
         certificate: Certificate of the trials, or its folder; default: the packaged one.
         on_progress: Called during the stages.
@@ -190,7 +190,7 @@ class _Study:
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
 
     def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
-        """Yield the name of each required question set, its demonstration set and its number of questions."""
+        """Yield each required question set's name, its demonstration set and its number of questions."""
         for learner in self._learners:
             if asked := self._plan.questions_of(learner):
                 yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
@@ -226,7 +226,7 @@ class _Study:
         return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
 
     def _require_questions(self) -> None:
-        """Raise an error early for a question set of a lever that cannot be read."""
+        """Raise an error early if a lever's question set cannot be read."""
         asked = (recipe.co_training.sets for recipe in self._asked_elsewhere() if recipe.co_training is not None)
         for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
             read_set(Path(place))
@@ -299,7 +299,7 @@ class _Study:
         return _Learning(learner, job, _hash_of(inputs))
 
     def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
-        """Train the untrained learners of a group, and return the policies of all."""
+        """Train a group's untrained learners, and return the policies of all its learners."""
         self._number += len(group)
         due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
         for name in dict.fromkeys(name for one in due for name in self._sets_of(one.learner)):
@@ -387,7 +387,7 @@ def _asked_name(about: str, questions: int) -> str:
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return the conditions of a set with task versions; a changed task needs a new set."""
+    """Return a set's conditions with task versions; a changed task needs a new set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]

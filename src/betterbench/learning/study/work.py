@@ -33,12 +33,12 @@ class Workshop:
     Attributes:
         make_set: Creates the set of a recipe in a folder and returns its hash.
         require_questions: Raises for a recipe whose question sets are about other demonstrations.
-        ask: Creates approximately a given number of questions about the demonstrations of a set in a folder, and
+        ask: Creates approximately a given number of questions about a set's demonstrations in a folder, and
             returns their hash.
         train: Trains learners, several of them in parallel.
         evaluate: Evaluates a policy on a task in a folder, with a number of trials per variation, and diagnoses it;
             raises if its weights do not match its digest.
-        threads: Total number of threads of learners trained in parallel.
+        threads: Total number of threads used by learners trained in parallel.
         require_set: Raises if the set in a folder does not match a hash.
     """
 
@@ -98,7 +98,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
 
 
 def _require_set(place: Path, sha256: str) -> None:
-    """Raise RecordError if the demonstrations of a set have changed since it was made."""
+    """Raise RecordError if a set's demonstrations have changed since it was made."""
     if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
         raise RecordError(
             f"{place}: contains other demonstrations than those made by this study. Put the set back, or run a new "
@@ -107,7 +107,7 @@ def _require_set(place: Path, sha256: str) -> None:
 
 
 def _require_evaluated(run: RunFolder, policy: TrainedPolicy) -> None:
-    """Raise RecordError if a run used other weights than those of a learner, or does not state its weights."""
+    """Raise RecordError if a run did not use a learner's weights, or does not state its weights."""
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     checkpoint = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None

@@ -33,12 +33,12 @@ class Batches:
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the frames of a step for one of several processes."""
+        """Return one process's share of the frames of a step."""
         found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
 
     def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
-        """Return the questions of a step for one of several processes."""
+        """Return a step's questions for one of several processes."""
         chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
         found: np.ndarray = self._to_ask[chosen]
         return found[rank::world]
@@ -119,7 +119,10 @@ def _stream(seed: int, step: int, what: int) -> np.random.Generator:
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return frames with those at gripper changes repeated according to their weight; fractions are spread evenly."""
+    """Return frames in which frames at gripper changes are repeated according to their weight.
+
+    Fractions are spread evenly.
+    """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0
     whole = int(extra)

@@ -39,7 +39,7 @@ _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#0
 
 @dataclass(slots=True)
 class Log:
-    """The tables of a training, in the order of steps."""
+    """The tables about a training, in step order."""
 
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)
@@ -93,7 +93,7 @@ class Log:
 
 
 def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) -> list[str]:
-    """Return the elements of a chart whose top is ``down`` pixels below that of the drawing."""
+    """Return the elements of a chart whose top is ``down`` pixels below the top of the drawing."""
     points = [point for found in series.values() for point in found]
     last = max((x for x, _ in points), default=1) or 1
     most = max((y for _, y in points), default=1.0) * 1.05 or 1.0

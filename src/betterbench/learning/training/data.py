@@ -1,4 +1,4 @@
-"""Training data from records of demonstrations: arrays of all frames, and of constants of each episode."""
+"""Training data from demonstration records: arrays over all frames, and constants per episode."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _STILL_M, _STILL_RAD = 2e-4, 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """The concatenated frames of all demonstrations: F frames of E episodes with at most n objects.
+    """The concatenated frames of all demonstrations: F frames from E episodes with at most n objects.
 
     Attributes:
         vocabulary: Words, categories and colors of the training demonstrations.
@@ -111,7 +111,7 @@ def read_training_set(
     workers: int = 1,
     on_drawn: OnCount | None = None,
 ) -> TrainingSet:
-    """Read the demonstrations and questions of a recipe; for the family ``pixels``, also render missing frames.
+    """Read a recipe's demonstrations and questions; for the family ``pixels``, also render missing frames.
 
     Args:
         recipe: The recipe.
@@ -223,7 +223,7 @@ def _opened(place: str) -> RunFolder:
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
-    """Return at most a given number of demonstrations per condition, those with the lowest seeds."""
+    """Return at most a given number of demonstrations per condition, lowest seeds first."""
     by_condition = defaultdict(list)
     for demonstration in chosen:
         by_condition[demonstration.trial.task, demonstration.trial.condition].append(demonstration)
@@ -243,7 +243,7 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record used for training, int64: all except those of a pause after its first ``most``.
+    """Return the rows of a record used for training, int64: all but those beyond the first ``most`` of a pause.
 
     A demonstrator pauses while the commanded pose and the fingers do not change. The elapsed time of a pause is not
     visible in a state, so a learner would prolong pauses, possibly forever.
@@ -346,7 +346,7 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return the phase of each frame, from the segments of the record or derived ones."""
+    """Return the phase of each frame, from the record's segments or derived ones."""
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -358,7 +358,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return the mask of frames with a gripper change among the actions of their chunk, (n,) bool."""
+    """Return the mask of frames with a gripper change among their chunk's actions, (n,) bool."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True
@@ -366,7 +366,7 @@ def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
 
 
 def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
-    """Return mean and scale of tools, positions of objects and actions over the training frames, float32.
+    """Return the mean and scale of tool poses, object positions and actions over the training frames, float32.
 
     The 1st and 99th percentiles of actions are mapped to [-1, 1]. Scales have lower limits, so that nearly constant
     numbers are not amplified.

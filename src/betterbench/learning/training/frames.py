@@ -41,11 +41,13 @@ from betterbench.records.compressed import pack_block, unpack_block
 FRAMES_VERSION = 1
 """Version of the rendering of records as frames, and of the frame files."""
 SUFFIX = ".frames"
-"""Suffix of the folder of frames, after the name of the folder of demonstrations."""
+"""Suffix of the frame folder, after the name of the demonstration folder."""
 
 _MAX_HEADER = 1 << 16
 _ITSELF, _DIFFERENCE = 0, 1
-_INDEX_NUMBERS = 3  # begin and end of an image, and whether it is stored as a difference to the first one of its view
+_INDEX_NUMBERS = (
+    3  # begin and end of an image, and whether it is stored as a difference from the first image of its view
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +56,7 @@ class WantedFrames:
 
     Attributes:
         run: Run of the demonstration.
-        record: Record of the demonstration.
+        record: Demonstration record.
         digest: SHA-256 of the record's file.
         rows: (n,) rows of the record to render.
         folder: Folder of the frame file.
@@ -278,7 +280,7 @@ def shift(picture: np.ndarray, down: int, right: int) -> None:
         flat[count:] = flat[:-count]
     elif count < 0:
         flat[:count] = flat[-count:]
-    # Pixels that wrapped around from the row above or below are in the columns that are overwritten by the edge.
+    # Pixels that wrapped around from the row above or below are in the columns that the edge overwrites.
     if right:
         inside, edge = (slice(right), right) if right > 0 else (slice(right, None), right - 1)
         picture[:, inside] = picture[:, edge, None]

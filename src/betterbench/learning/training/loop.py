@@ -57,7 +57,7 @@ _CURES = {
     "torch": "Continue with that version of torch",
     "device": "Continue with that --device",
     "processes": "Continue with as many processes",
-    "learner": "Continue with the original file of the learner, a copy of which is in task_files",
+    "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
 """Remedies where a resumed training differs in anything but recipe and data."""
 _PATIENCE = timedelta(hours=6)
@@ -70,7 +70,7 @@ class TrainingProgress:
 
     Attributes:
         step: Number of finished steps, including earlier sessions.
-        steps: Steps of the recipe.
+        steps: Recipe steps.
         loss: Mean loss of the last steps.
         samples_per_s: Training samples per second in this session, without validation.
     """
@@ -92,7 +92,7 @@ class TrainingResult:
         checkpoint: Checkpoint file of the learner.
         parameters: Number of trained parameters.
         log: Tables of the training.
-        seconds: Duration of this session without reading the data [s].
+        seconds: This session's duration without reading the data [s].
         samples_per_s: Training samples per second in this session, without validation; 0 if the training was already
             complete.
     """
@@ -197,7 +197,7 @@ class _Training:
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
         )
         self._step, self._log = 0, Log()
-        self._rows: list[list[float]] = []  # loss and gradient norm of the steps since the last row of the log
+        self._rows: list[list[float]] = []  # loss and gradient norm over the steps since the last log row
         if (out / STATE_NAME).exists():
             self._restore()
 
@@ -372,7 +372,7 @@ class _Training:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Metadata of a saved training state; states of earlier versions have none for the tables."""
+    """Metadata of a saved training state; earlier versions saved none for the tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -392,7 +392,7 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Load the weights of a checkpoint, which must have the same vocabulary."""
+    """Load a checkpoint's weights, which must have the same vocabulary."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")

@@ -1,4 +1,4 @@
-"""Answers of a co-trained learner about its own trials, on the position of the instructed object.
+"""A co-trained learner's answers about its own trials: the position of the instructed object.
 
 A learner that answers questions in addition to acting may know where the object is and still reach elsewhere. Its
 answer head is evaluated on the recorded states of its own trials, with the same inputs as for actions. It answers with
@@ -37,18 +37,18 @@ _CELL = re.compile(r"([0-7]),([0-7])")
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswer:
-    """One answer of a learner about one of its own trials.
+    """A learner's answer about one of its own trials.
 
     Attributes:
         trial: Task, condition and seed.
-        where: Name of the variation or training condition.
+        where: Variation name or training condition.
         label: Label of the diagnosis.
         success: Whether the trial succeeded.
-        object: Name of the object in the instruction.
+        object: Object name in the instruction.
         row: Row of the record.
         question: The question as given to the learner.
         cell: The correct answer: "column,row" in a grid of 8 x 8 over the image.
-        answer: Answer of the learner.
+        answer: Learner answer.
         nearest: Name of the loose object nearest to the center of the answered cell; "" if the answer is not a cell. A
             cell is about as large as an object, so a neighboring cell often shows the object too.
     """
@@ -71,17 +71,17 @@ class OwnAnswer:
 
     @property
     def means_it(self) -> bool:
-        """Whether the answered cell is nearer to the object than to any other one."""
+        """Whether the answered cell is nearer to this object than to any other."""
         return self.nearest == self.object
 
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswers:
-    """Rates of a learner's correct answers about trials of one condition.
+    """Rates of a learner's correct answers about one condition's trials.
 
     Attributes:
         where: Task with variation or training condition.
-        cells: Answers with the cell of the object, out of all answers.
+        cells: Answers that name the object's cell, out of all answers.
         nearest: Answers with a cell nearer to the object than to any other one, out of all answers.
         trials: Trials in which all answers are nearest to the object, out of all trials.
     """
@@ -113,15 +113,15 @@ def ask_about_run(
     Args:
         learner: The learner.
         run: The run of the learner.
-        diagnosis: The diagnosis of that run.
-        open_photos: Opens the source of frames, of which only the image positions of objects are used.
+        diagnosis: That run's diagnosis.
+        open_photos: Opens the source of frames; only the image positions of objects are used.
         camera: Camera of the training questions.
         tasks: Tasks to include; all if empty.
         failures_only: True to exclude successful trials.
         on_progress: Called with the number of trials done and planned.
 
     Raises:
-        InvalidInputError: If the learner answers no questions, uses images, is not the policy of the run, or no trial
+        InvalidInputError: If the learner answers no questions, uses images, is not the run's policy, or no trial
             is left.
         RecordError: If a record or its scene is damaged.
     """
@@ -151,7 +151,7 @@ def ask_about_run(
 
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
-    """Return the answers of a learner of the family ``objects`` to questions about a row of a record."""
+    """Return the answers of a learner from the ``objects`` family to questions about one row of a record."""
     recipe, known = learner.trained.recipe, learner.trained.vocabulary
     objects = record.state(row).info.objects
     rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)
@@ -174,7 +174,7 @@ def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
-    """Yield the rates by condition, in the order of the answers, and over all ("all")."""
+    """Yield the rates by condition, in answer order, and over all ("all")."""
     groups: dict[str, list[OwnAnswer]] = {}
     for answer in answers:
         groups.setdefault(answer.where, []).append(answer)
@@ -216,7 +216,7 @@ def _nearest(answer: str, about: NamedObject) -> str:
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:
-    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not the policy of a run."""
+    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not a run's policy."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it has no answers"

@@ -12,12 +12,12 @@ _CURE = "Start it under torchrun, or unset them"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """Position of this process in a distributed training.
+    """This process's position in a distributed training.
 
     Attributes:
         rank: Index of this process among all.
         size: Number of processes.
-        local_rank: Index of this process among those of its machine.
+        local_rank: Index of this process among the processes on its machine.
     """
 
     rank: int = 0
@@ -44,7 +44,7 @@ class TrainingProcesses:
     def device(self, named: str) -> str:
         """Return torch's device for this process; ``--device`` is ``cpu``, ``cuda`` or ``cuda:N``.
 
-        On a machine with several GPUs, each process takes the one with its own index.
+        On a machine with several GPUs, each process uses the GPU with its own index.
 
         Raises:
             InvalidInputError: If one GPU is named for several processes.

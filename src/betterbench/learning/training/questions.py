@@ -1,8 +1,8 @@
 """Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
 
-A learner chooses among all answers of its training questions. The answer for a box or a point is the cell of its center
-in an 8 x 8 grid over the image, as in the baselines of the sets. The input is the same as for acting at that row, with
-the question in place of the instruction.
+A learner chooses among all answers of its training questions. The answer for a box or a point is the cell that contains
+its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The input is the same as for acting at
+that row, with the question in place of the instruction.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class TrainingQuestions:
         answers: (Q,) int64 indices of the correct answers in the vocabulary; -1 for an answer that does not occur in
             training.
         types: Type of each question.
-        frames_of: Images of the frames of the questions; None for the family ``objects``.
+        frames_of: Images of the frames that the questions are about; None for the family ``objects``.
         frames: (Q,) int64 indices of these frames.
     """
 
@@ -56,10 +56,10 @@ class TrainingQuestions:
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestions:
-    """The questions of a recipe's sets about its demonstrations, in the order of the demonstrations.
+    """The questions in a recipe's sets about its demonstrations, in demonstration order.
 
     Attributes:
-        questions: The questions, each with the index of its demonstration.
+        questions: The questions, each with its demonstration's index.
         sha256: Hashes of the sets.
     """
 
@@ -125,7 +125,7 @@ def _checked(made: QuestionSet) -> QuestionSet:
 def _drawn(
     asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
 ) -> tuple[FrameStore, np.ndarray]:
-    """Render the frames of the questions; return them with the frame index of each question."""
+    """Render the frames for the questions; return them with each question's frame index."""
     rows_of = asked.rows(count)
     store = draw(rows_of)
     first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))
@@ -151,8 +151,8 @@ def training_questions(
         held_out: (E,) bool mask of held-out demonstrations.
         recipe: The recipe.
         vocabulary: Words, categories and colors known to the learner.
-        objects: Maximum number of objects of a demonstration.
-        draw: Renders rows of each demonstration, for learners of pixels.
+        objects: Maximum number of objects in a demonstration.
+        draw: Renders rows of each demonstration, for pixels learners.
 
     Raises:
         InvalidInputError: If all questions are about held-out demonstrations, or a row does not exist.
@@ -198,7 +198,7 @@ class AnswerRate:
 
     Attributes:
         step: Training step.
-        type: Type of the questions; "all" for all of them.
+        type: Question type; "all" for all types together.
         right: Number of correct answers.
         asked: Number of questions.
     """

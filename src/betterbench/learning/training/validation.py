@@ -28,7 +28,7 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Error of a learner's next actions, compared with the demonstrator's, over the frames of one phase.
+    """Error of a learner's next actions, compared with the demonstrator's, over the frames in one phase.
 
     Attributes:
         step: Training step.
@@ -89,7 +89,7 @@ def right_answers(
 ) -> list[AnswerRate]:
     """Return the numbers of correct answers to questions about held-out demonstrations; empty without co-training.
 
-    A learner cannot give an answer that does not occur in training, so such questions are counted as wrong.
+    A learner cannot give an answer that does not occur in training, so such questions count as wrong.
     """
     chosen = data.asked(held_out=True)
     if data.questions is None or not len(chosen):

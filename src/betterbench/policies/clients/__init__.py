@@ -2,5 +2,5 @@
 
 ``connect`` returns the client of an address. Each protocol has one file, built on ``remote``, ``connection`` and, for
 ZeroMQ, ``endpoint_server``. ``checkpoint`` and ``lerobot_types`` load checkpoints of LeRobot. ``bridges`` contains
-scripts to run beside a foreign server.
+scripts to run next to a third-party server.
 """

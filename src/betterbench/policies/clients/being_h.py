@@ -43,15 +43,15 @@ class BeingHServer(EndpointServer):
 class BeingHClient(ServerClient[BeingHServer]):
     """Being-H policy. Each environment has its own client.
 
-    With real-time chunking, the server also returns the whole chunk in its unified action space. With ``ahead`` or
+    With real-time chunking, the server also returns the complete chunk in its unified action space. With ``ahead`` or
     ``delay``, the next request contains the unexecuted rest of this chunk and the number of control steps that pass
-    during the computation, and the new chunk continues the old chunk.
+    during the computation; the new chunk continues the old chunk.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the whole chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
         self._delay = address.whole("delay", self.info.execution.ahead)
         self._connection.open()
@@ -88,7 +88,7 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:
-    """Return the whole chunk as an array, because the server sends lists but does not accept lists."""
+    """Return the complete chunk as an array, because the server sends lists but does not accept lists."""
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):

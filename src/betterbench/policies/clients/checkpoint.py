@@ -32,7 +32,7 @@ _WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""Policy types that answer a whole chunk from a single observation. All others keep a memory of observations."""
+"""Policy types that answer a complete chunk from a single observation. All others keep a memory of observations."""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
 """Policy types that start from noise. betterbench passes the noise, so an answer does not depend on its batch."""
@@ -271,7 +271,7 @@ def _weights_file(path: str) -> Path:
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of the files of a checkpoint."""
+    """Return the SHA-256 of a checkpoint's files."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
@@ -284,7 +284,7 @@ def _fingerprint(path: str) -> str:
 
 
 def _told_type(path: str) -> str:
-    """Return the policy type in the configuration of a folder; empty for an id on the hub."""
+    """Return the policy type in a folder's configuration; empty for an id on the hub."""
     file = Path(path) / "config.json"
     form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""

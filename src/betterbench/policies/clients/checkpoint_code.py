@@ -1,10 +1,10 @@
-"""Check for code that loading a LeRobot checkpoint would run. Such code is refused unless the user trusts the author.
+"""Check for code that loading a LeRobot checkpoint would run. Such code is rejected unless the user trusts the author.
 
-LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
-with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function of any module, for example
-``os.system``, and is called with the arguments in the file (``_resolve_step_class`` of
-``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository
-that the checkpoint names.
+LeRobot makes each of its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
+with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example
+``os.system``, which is called with the arguments in the file (``_resolve_step_class`` of
+``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository that
+the checkpoint names.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def require_no_code(config: object, files: Mapping[str, Path], where: str) -> No
     Args:
         config: Configuration, as read by LeRobot.
         files: Paths of the processor files, by name.
-        where: Name of the checkpoint in messages.
+        where: Checkpoint name in messages.
 
     Raises:
         InvalidInputError: If the checkpoint names other code, or a processor file cannot be read.

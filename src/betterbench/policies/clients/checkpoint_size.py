@@ -1,4 +1,4 @@
-"""Limits on the size of the network in the configuration of a LeRobot checkpoint.
+"""Limits on the network's size in the configuration of a LeRobot checkpoint.
 
 LeRobot builds the network from ``config.json`` before reading the weights. A configuration with a width of a million
 would therefore fill all memory before any comparison with the weights.
@@ -42,15 +42,15 @@ def require_short_horizons(config: object, where: str) -> None:
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """Limit the number of parameters of networks built in this context by the size of their weights file.
+    """Limit the number of parameters in networks built in this context by the size of their weights file.
 
-    A parameter takes at least one byte of the file (four in LeRobot's own files), so a network with more parameters
-    than bytes in the file cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
+    A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
+    than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the
     parameter and then fills it; the limit is checked at registration, before memory is used.
 
     Args:
         file_bytes: Size of the weights file [bytes].
-        where: Name of the checkpoint in messages.
+        where: Checkpoint name in messages.
 
     Raises:
         InvalidInputError: If a network exceeds the limit.

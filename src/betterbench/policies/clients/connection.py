@@ -1,4 +1,4 @@
-"""Connection of all clients of policy servers, with reconnects, deadlines and retries."""
+"""Connection used by all policy server clients, with reconnects, deadlines and retries."""
 
 from __future__ import annotations
 
@@ -49,9 +49,10 @@ class ConnectionLimits:
         timeout_s: Deadline of each request [s].
         warmup_s: Deadline of the first reply [s], because many servers compile their model at the first request. After
             a timeout, ``timeout_s`` is used.
-        retries: Number of repetitions of a request after a broken connection or a timeout.
+        retries: Number of times a request is repeated after a broken connection or a timeout.
         patience_s: Time during which connections to an unreachable server are retried [s].
-        seed: Seed of the jitter of pauses, which keeps the clients of a lost server from reconnecting at the same time.
+        seed: Seed for jitter in the pauses, which keeps the clients of a lost server from reconnecting at the same
+            time.
     """
 
     timeout_s: float = 30.0

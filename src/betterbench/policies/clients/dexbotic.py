@@ -31,7 +31,7 @@ _ANSWER, _FORM_ANSWER = "actions", "response"
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Paths of Dexbotic's other endpoints, derived from the path of requests.
+    """Paths of Dexbotic's other endpoints, derived from the request path.
 
     Attributes:
         form: Whether requests are form data instead of JSON.
@@ -56,7 +56,7 @@ class Route:
 
 
 def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]:
-    """Return the content type and the body of a form with the data of a request in the layout :data:`presets.DEXBOTIC`.
+    """Return the content type and body of a form with a request's data in the layout :data:`presets.DEXBOTIC`.
 
     Args:
         request: ``observation`` with prompt, images by slot and, if the model uses one, a state. Other entries

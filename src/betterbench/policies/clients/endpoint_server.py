@@ -20,7 +20,7 @@ class EndpointServer:
 
     Raises:
         OSError: If the server cannot be reached or is not ready.
-        HandshakeError: If the server refuses the token, uses another protocol or declares other conventions.
+        HandshakeError: If the server rejects the token, uses another protocol or declares other conventions.
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
@@ -38,7 +38,7 @@ class EndpointServer:
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a first request, whose failure means that the two sides are incompatible."""
+        """Send a first request; if it fails, the two sides are incompatible."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
@@ -46,14 +46,14 @@ class EndpointServer:
             raise HandshakeError(f"{error}{hint}") from error
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
-        """Return the frame of a request."""
+        """Return a request's frame."""
         raise NotImplementedError
 
     def _check_frame(self, answer: bytes, endpoint: str) -> None:
         """Raise PolicyError if a frame must not be decoded."""
 
     def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401 - as decoded
-        """Return the value of a frame; raise PolicyError if it cannot be read."""
+        """Decode a frame; raise PolicyError if it cannot be read."""
         raise NotImplementedError
 
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
@@ -61,7 +61,7 @@ class EndpointServer:
 
         ``declares`` marks a request for the server's declaration, which has a short answer.
 
-        Raises OSError if no answer came, PolicyError if the server reports an error or the answer cannot be read.
+        Raises OSError if no answer arrived, PolicyError if the server reports an error or the answer cannot be read.
         """
         question: dict[str, Any] = {"endpoint": endpoint}
         if data is not None:

@@ -10,8 +10,7 @@ Such a client must see every control step, so the client executes the chunks, on
 
 Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
 options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it detects
-this.
+N1.7 (``gr00t/model/gr00t_n1d7``) expect. The main branch's policies ignore both; the client warns if it detects this.
 
 Replies of N1.7 mark arrays and modalities differently from N1.6; requests are the same.
 
@@ -44,7 +43,8 @@ logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
 """Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
-(N1.6 and N1.7 with the simulation wrapper), or that map as the data of the request, without options (N1.5)."""
+(N1.6 and N1.7 with the simulation wrapper), or that map as the request data, without options (N1.5).
+"""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """Arrays of one environment at a single time step, (1, 1, ...), by modality and name."""
@@ -139,7 +139,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     ) -> dict[str, np.ndarray]:
         """Return the arrays of a server's answer by name without prefix, each (environments, horizon, dim).
 
-        ``more`` is added to the observation of the nested layout; ``options`` are sent next to the observation.
+        ``more`` is added to the observation in the nested layout; ``options`` are sent next to the observation.
         """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
@@ -153,14 +153,14 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return self._arrays(reply, len(observations))
 
     def _read(self, arrays: Mapping[str, np.ndarray], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the actions of each environment from the arrays of an answer."""
+        """Return each environment's actions from an answer's arrays."""
         return [
             self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
             for i, observation in enumerate(observations)
         ]
 
     def _data(self, message: dict[str, Any], instructions: list[str]) -> dict[str, Any]:
-        """Return the data of ``get_action`` in the layout of the server."""
+        """Return the data of ``get_action`` in the server's layout."""
         language = self.modalities.language
         name = language[0] if language else name_of(self.adapter.instruction.key)
         if self._layout == "nested":
@@ -216,7 +216,7 @@ class Gr00tBatchClient(Gr00tClient):
     """GR00T policy without an observation history. One client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is no state to reset."""
+        """Begin an episode in one of the environments; no state needs to be reset."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -288,7 +288,7 @@ class Overlap:
     Attributes:
         steps: Number of control steps that both chunks cover.
         frozen: Number of initial overlapping steps whose actions are kept from the old chunk.
-        ramp_rate: Decay rate of the constraint on the actions of the other overlapping steps.
+        ramp_rate: Decay rate of the constraint on the actions in the other overlapping steps.
     """
 
     steps: int
@@ -367,7 +367,7 @@ class Gr00tOverlapClient(Gr00tClient):
         return {"action": action}, options
 
     def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
-        """Warn once if a server changes the frozen actions, which means that it silently ignores real-time chunking."""
+        """Warn once if a server changes the frozen actions; the server then silently ignores real-time chunking."""
         kept = slice(0, self._overlap.frozen)
         for name, old in sent.items():
             new = answered.get(name)

@@ -49,7 +49,7 @@ class HttpAnswer:
 
 
 class HttpServer:
-    """Address of an HTTP server with the headers of its requests.
+    """Address of an HTTP server, with the headers for its requests.
 
     Each request opens a new connection, as the servers' own clients do.
     """
@@ -190,7 +190,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return a valid answer. A refusal or redirection ends the run."""
+        """Send a body and return a valid answer. A rejection or redirection ends the run."""
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:

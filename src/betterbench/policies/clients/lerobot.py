@@ -37,7 +37,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""The two states of the LeRobot environment of betterbench; both have eight numbers."""
+"""The two states in betterbench's LeRobot environment; both have eight numbers."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
@@ -50,7 +50,7 @@ _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """Policy that answers whole chunks. One instance serves many environments."""
+    """Policy that answers complete chunks. One instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         self._address, self._checkpoint = address, checkpoint
@@ -148,7 +148,7 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Return the policy of a checkpoint. It accepts batches if it answers chunks from one observation.
+    """Return a checkpoint's policy. It accepts batches if it answers chunks from one observation.
 
     Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
     address does not match the checkpoint.
@@ -165,7 +165,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
     Raises:
         InvalidInputError: If a convention remains unknown; the message names the option to give.
-        UnknownNameError: If the value of an option does not exist.
+        UnknownNameError: If an option's value does not exist.
     """
     where = f"policy {address}"
     layout = address.choice("state", tuple(_STATES), "ee")

@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """Requirements of a policy type: the required modules, and the extra of LeRobot that installs them."""
+    """Requirements of a policy type: the required modules, and the LeRobot extra that installs them."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()
@@ -56,7 +56,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
     Args:
         kind: The policy type of a checkpoint.
         known: The types that the installed LeRobot knows, including plugins.
-        where: Name of the checkpoint in messages.
+        where: Checkpoint name in messages.
 
     Raises:
         InvalidInputError: If the type is not a policy, or not known.

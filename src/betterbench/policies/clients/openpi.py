@@ -1,17 +1,17 @@
 """Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
 The server first sends a map of metadata, and then answers each binary frame with an observation by a frame with
-actions. A text frame is an error and ends the connection. There is no reset: each observation is independent. Source:
+actions. A text frame is an error and ends the connection. No reset is needed: each observation is independent. Source:
 openpi's ``packages/openpi-client``.
 
 Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
 in answers, and in requests if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
-(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with the plain array
-of actions, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is
-sent if its metadata contains ``needs_session_id``.
+(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers with a plain action
+array, and reports an error as a map with ``type`` "error". It distinguishes episodes by a ``session_id``, which is sent
+if its metadata contains ``needs_session_id``.
 
-openpi itself does not support real-time chunking. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
-and similar servers take the rest of the old chunk as ``prev_action_chunk``, in the units of their answers, with
+openpi itself does not support real-time chunking. The fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``)
+and similar servers accept the rest of the old chunk as ``prev_action_chunk``, in the same units as their answers, with
 ``inference_delay`` and ``execute_horizon``. With ``delay=N``, the client sends these fields.
 """
 
@@ -69,7 +69,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             raise address.error(
                 f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
             )
-        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the whole chunk
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
         self._start: EpisodeStart | None = None
         self._trial: TrialId | None = None
         self._serves_expert = False
@@ -164,7 +164,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         """Choose the adapter at the first handshake, and compare conventions at each."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
-        read_execution(self._where, declared)  # malformed declarations are refused at every handshake
+        read_execution(self._where, declared)  # malformed declarations are rejected at every handshake
         # for a server process of this run, the record contains the policy's declaration instead of the server's address
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
@@ -175,7 +175,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # the server also supports this layout, in which the preset defines the number of columns of an action
+            # the server also supports this layout; its preset defines the number of action columns
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
@@ -185,7 +185,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401 - one of the kinds
-        """Return the value in a frame; raise PolicyError for an error of the server or a value of another type."""
+        """Decode a frame; raise PolicyError for a server error or a value of another type."""
         if isinstance(frame, str):
             if self._within:
                 raise PolicyError(printable(frame, most=_LONGEST_REASON))

@@ -1,7 +1,7 @@
 """Real-time chunking: the unexecuted rest of an action chunk is sent to the server, to be continued by the next chunk.
 
-A server of a flow model can keep the first rows of the sent chunk as the first rows of its new chunk, and guide the
-rows after them. The rows must start at the current control step. Their key in a request differs by server
+A flow model's server can keep the first rows of the sent chunk as the first rows of its new chunk, and guide the rows
+after them. The rows must start at the current control step. Their key in a request differs by server
 (:mod:`betterbench.policies.clients.being_h`, ``openpi`` and ``gr00t``).
 """
 
@@ -11,7 +11,10 @@ import numpy as np
 
 
 def rows_left(asked_at: int, chunk: np.ndarray, *, step: int) -> int:
-    """Return the number of rows of a chunk, (..., horizon, dim), that remain at a control step; 0 before its start."""
+    """Return the number of rows of a chunk, (..., horizon, dim), that remain at a control step.
+
+    Returns 0 before the chunk starts.
+    """
     passed = step - asked_at
     return 0 if passed < 0 else max(0, chunk.shape[-2] - passed)
 

@@ -1,4 +1,4 @@
-"""Base classes of policies with an adapter, and of policies behind a server."""
+"""Base classes for policies with an adapter, and for policies behind a server."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def describe_remote_policy(
 
 
 def plain_text(value: object) -> str:
-    """Return a declared value of a server as a text of bounded length."""
+    """Return a server's declared value as a text of bounded length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except TypeError:  # a map with keys that are not strings
@@ -72,7 +72,7 @@ def plain_text(value: object) -> str:
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
-    """Raise HandshakeError if the action space of an episode differs from that of the policy."""
+    """Raise HandshakeError if an episode's action space differs from the policy's action space."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
             f"action space: the run uses {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
@@ -90,11 +90,11 @@ class AdaptedPolicy:
 
     @property
     def _compared(self) -> Declaration:
-        """Declaration with which the conventions of a run are compared."""
+        """Declaration with which a run's conventions are compared."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's; raise a HandshakeError with both sides if they differ."""
+        """Compare a run's conventions with the policy's; raise a HandshakeError with both sides if they differ."""
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
         compare_declarations(ours, theirs)
@@ -127,7 +127,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     """Policy behind a server. Each environment has its own client.
 
     :func:`betterbench.policies.kinds.make_policy` lists the errors of a client's creation. Its ``act`` raises
-    PolicyError if no usable reply came, and PolicyUnavailableError if the server cannot be reached.
+    PolicyError if no usable reply arrived, and PolicyUnavailableError if the server cannot be reached.
     """
 
     info: PolicyInfo

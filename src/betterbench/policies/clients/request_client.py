@@ -39,7 +39,7 @@ class RequestClient:
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         self._socket.setsockopt(zmq.IPV6, int(":" in host))
-        # reports at once that the server is gone, which ZeroMQ would hide until the deadline
+        # report immediately that the server is gone; ZeroMQ would hide this until the deadline
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._answered_at = 0.0
         self._poller = zmq.Poller()
@@ -54,8 +54,8 @@ class RequestClient:
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
         """Send a frame and return the answer.
 
-        Raises OSError if no answer came in time, the server disconnected or sent an unexpected message, and PolicyError
-        if the answer is not a single frame.
+        Raises OSError if no answer arrived in time, the server disconnected or sent an unexpected message, and
+        PolicyError if the answer is not a single frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:

@@ -1,8 +1,8 @@
 """Client of starVLA's websocket server: ``starvla://host:port``.
 
-The server first sends a map of metadata, and then answers each request (a map of type, identifier and payload) by a map
-with the same identifier. A text frame is an error and ends the connection. A payload contains a list of examples, so
-one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
+The server first sends a metadata map, and then answers each request (a map of type, identifier and payload) with a map
+that has the same identifier. A text frame is an error and ends the connection. A payload contains a list of examples,
+so one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
 ``deployment/model_server``.
 """
 
@@ -50,7 +50,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         self.info = describe_remote_policy(address, self.adapter, declared, says_actions=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is no state to reset."""
+        """Begin an episode in one of the environments; no state needs to be reset."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:

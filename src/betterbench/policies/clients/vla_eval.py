@@ -92,7 +92,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin a new one. The server gets only the instruction of the trial."""
+        """End the last episode and begin a new one. The server gets only the trial's instruction."""
         super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0

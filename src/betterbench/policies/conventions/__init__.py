@@ -1,4 +1,4 @@
-"""Conventions of policies: translation of observations and actions, and the handshake that compares both sides.
+"""Policy conventions: translation of observations and actions, and the handshake that compares both sides.
 
 ``presets`` names the conventions of known checkpoints; ``adapter`` applies them.
 """

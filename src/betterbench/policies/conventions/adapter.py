@@ -1,4 +1,4 @@
-"""Adapters: mapping of observations to a policy's inputs and of answers to actions, as storable data."""
+"""Adapters: mapping from observations to a policy's inputs and from answers to actions, stored as data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class InstructionRule:
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
-        template: Sentence template of the training data, in which ``{}`` is the instruction.
+        template: Sentence template used in the training data, in which ``{}`` is the instruction.
     """
 
     key: tuple[str, ...]
@@ -89,7 +89,7 @@ class Feedback:
     Attributes:
         state_key: Key of the state.
         answer_key: Key of the answer.
-        size: Number of values of the last executed row that replace the first values of the state.
+        size: Number of values in the last executed row that replace the first values of the state.
     """
 
     state_key: tuple[str, ...]
@@ -100,23 +100,23 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """Mapping of observations to a policy's inputs, and of answers to actions.
+    """Mapping from observations to a policy's inputs, and from answers to actions.
 
     The server is responsible for statistics and normalization.
 
     Attributes:
-        leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
-        ee_offset_m: Offset added to the position of the end effector in the robot's base frame, for a policy with
-            another origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
+        leading_axes: Leading axes of length 1 for images and states: 1 for a batch, 2 for batch and time.
+        ee_offset_m: Offset added to the end-effector position in the robot's base frame, for a policy with another
+            origin; (-0.66, 0, 0.912) is LIBERO's world frame for its table scenes [m].
         tool_offset_m: The policy's tool point in the tool frame of betterbench, for positions in states and absolute
             poses. LIBERO's tool point is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are applied at our tool
             point.
         gripper_opening_m: Opening width of a fully open gripper [m].
-        episode_key: Key under which servers of betterbench get the start of the episode, or None.
+        episode_key: Key under which betterbench servers receive the start of the episode, or None.
         constants: Entries that are the same in every request.
         depths: Depth images, for a run that renders them (``--observation calvin_depth``); not for GR00T.
         feedback: State that contains the policy's last answer, or None; used only by ``POST /act``.
-        horizon: Default execution horizon (executed actions of a chunk), as in the policy's own client; None for all.
+        horizon: Default execution horizon (executed actions per chunk), as in the policy's own client; None for all.
     """
 
     name: str
@@ -177,7 +177,7 @@ class Adapter:
         return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return the image inputs of the policy, by key of the request: (height, width, 3) uint8.
+        """Return the policy's image inputs, by request key: (height, width, 3) uint8.
 
         Raises PolicyError if the run does not render a required camera.
         """
@@ -320,7 +320,7 @@ class Adapter:
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file; raise InvalidInputError with the name of the field if it cannot be read."""
+        """Read an adapter from a JSON file; raise InvalidInputError with the field name if it cannot be read."""
         where = f"adapter {path}"
         form = read_form(
             _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
@@ -336,7 +336,7 @@ _KEYS = ("key", "episode_key", "state_key", "answer_key")
 
 
 def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
-    """Set an entry of a message, creating the nested maps of its key."""
+    """Set an entry in a message, creating the nested maps for its key."""
     *way, last = key
     for name in way:
         message = message.setdefault(name, {})
@@ -344,7 +344,7 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form in which keys of one name are strings."""
+    """Return a JSON form in which keys with a single name are strings."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 

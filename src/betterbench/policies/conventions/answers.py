@@ -1,4 +1,4 @@
-"""Mapping of a policy's answer to actions: meaning of columns, units, frame and gripper polarity."""
+"""Mapping from a policy's answer to actions: meaning of columns, units, frame and gripper polarity."""
 
 from __future__ import annotations
 
@@ -34,10 +34,11 @@ AnswerKind = Literal[
     "gripper",
     "unused",
 ]
-"""Meaning of some columns of an answer: a whole action in the format of betterbench, or one part of it.
+"""Meaning of some answer columns: a complete action in betterbench's format, or one part of it.
 
-The translation of an absolute pose is its position. A translation, or a rotation of three numbers, may be given axis by
-axis: ``rotation_x`` is the first number of the rotation's format, the x of a rotation vector or the roll."""
+The translation of an absolute pose is its position. A translation, or a rotation with three numbers, may be given axis
+by axis: ``rotation_x`` is the first number of the rotation format, that is the x of a rotation vector or the roll.
+"""
 
 Polarity = Literal[
     "close_positive",
@@ -63,7 +64,7 @@ _OPENS_POSITIVE = frozenset(name for name in WORLD_ACTION_SPACES if name.startsw
 """Action spaces in which a positive gripper opens."""
 
 _ADDS_ANGLES = ("calvin_relative", "calvin_delta")
-"""Action spaces whose rotations are angles added to those of the last pose."""
+"""Action spaces whose rotations are angles added to the angles of the last pose."""
 
 _OWN_ROTATION: dict[str, RotationFormat] = {
     "calvin_relative": "rpy",
@@ -81,13 +82,13 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
     "rotation": ("rotation_x", "rotation_y", "rotation_z"),
 }
-"""Kinds that may come axis by axis."""
+"""Kinds that may be given axis by axis."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Adjacent columns of an answer that form one quantity.
+    """Adjacent answer columns that form one quantity.
 
     Attributes:
         key: Path of the array in the reply. Parts with the same key are consecutive columns of one array.
@@ -104,16 +105,16 @@ class AnswerPart:
 class AnswerRule:
     """Mapping of a policy's answer to actions: its columns, frame, units and gripper convention.
 
-    By default, rotation format, units and gripper polarity are those of the action space: the numbers of an answer in
-    ``calvin_relative`` are then executed unchanged.
+    By default, rotation format, units and gripper polarity come from the action space: the numbers of a
+    ``calvin_relative`` answer are then executed unchanged.
 
     Attributes:
         frame: Frame of a delta: the robot's base frame, or the tool frame at each step.
-        translation_unit_m: Translation of a delta of 1 [m]: 0.05 as scaled in LIBERO, 1 for meters.
-        rotation_unit_rad: Rotation of a delta of 1 in a rotation vector or in angles [rad].
-        joint_unit_rad: Rotation of a joint step of 1 [rad].
-        step_rate_hz: Control rate of the training data [Hz], if deltas are executed as velocities at the control rate
-            of the run; None if each action is one step at any rate.
+        translation_unit_m: Translation for a delta of 1 [m]: 0.05 as scaled in LIBERO, 1 for meters.
+        rotation_unit_rad: Rotation for a delta of 1 in a rotation vector or in angles [rad].
+        joint_unit_rad: Rotation for a joint step of 1 [rad].
+        step_rate_hz: Control rate of the training data [Hz], if deltas are executed as velocities at the run's control
+            rate; None if each action is one step at any rate.
         gripper_threshold: Fraction above which ``closed_fraction`` closes and ``open_fraction`` opens.
         precision: Number type to which the policy's own client rounds an action before execution.
     """
@@ -131,7 +132,7 @@ class AnswerRule:
     precision: Literal["float64", "float32"] = "float64"
 
     def __post_init__(self) -> None:
-        """Fill in the conventions of the action space, and check that the parts form an action of this space."""
+        """Fill in the action space's conventions, and check that the parts form an action in this space."""
         for name, own in own_conventions(self.space).items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, own)
@@ -207,11 +208,11 @@ class AnswerRule:
 
     @property
     def as_is(self) -> bool:
-        """Whether the answer already contains whole actions in the format of betterbench."""
+        """Whether the answer already contains complete actions in betterbench's format."""
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
-        """Return the rule for another action space, in the conventions of this space if only another world uses it.
+        """Return the rule for another action space, with that space's conventions if only another world uses it.
 
         Raises UnknownNameError if the action space does not exist, and InvalidInputError if the columns do not form one
         of its actions.
@@ -230,7 +231,7 @@ class AnswerRule:
 
     @property
     def columns(self) -> dict[tuple[str, ...], int]:
-        """Number of columns of the array under each key."""
+        """Number of columns in the array under each key."""
         found: dict[tuple[str, ...], int] = {}
         for part in self.parts:
             found[part.key] = found.get(part.key, 0) + self._size(part)
@@ -248,8 +249,8 @@ class AnswerRule:
         """Return the actions in a reply, (horizon, dim) float64 in the action space.
 
         Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m``, which was added
-        to the observed position of the end effector, is subtracted from absolute positions, as is ``tool_offset_m``,
-        the policy's tool point in the tool frame of betterbench.
+        to the observed end-effector position, is subtracted from absolute positions, as is ``tool_offset_m``, the
+        policy's tool point in betterbench's tool frame.
 
         Raises:
             PolicyError: If the reply lacks these arrays, or contains an invalid rotation.
@@ -294,20 +295,20 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions equal those of the action space."""
+        """Whether all conventions are the same as the action space's conventions."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
     @property
     def _is_plain(self) -> bool:
-        """Whether the numbers need no conversion, only ordering."""
+        """Whether the numbers need no conversion, only reordering."""
         if self.space in _DELTAS or self.space in WORLD_ACTION_SPACES:
             return self._means_ours
         plain = self.gripper == "close_positive" and self.step_rate_hz is None
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:
-        """Return the ratio of a step here to a step at the rate of the training data."""
+        """Return the ratio between a step here and a step at the training data's rate."""
         return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
 
     def _convert(
@@ -333,7 +334,7 @@ class AnswerRule:
             own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
             return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         if self.frame == "base" and self.rotation == "axis_angle":
-            # one factor per number, exactly 1 if the units equal those of the action space
+            # one factor per number, exactly 1 if the units equal the action space's units
             units = np.array([self.translation_unit_m] * 3 + [self.rotation_unit_rad] * 3)
             twist = np.concatenate([taken["translation"], taken["rotation"]], axis=1)
             return np.concatenate([twist * (units * pace / scale), gripper], axis=1)
@@ -477,9 +478,9 @@ def twist(*keys: str) -> tuple[AnswerPart, ...]:
 
 
 def own_conventions(space: str) -> dict[str, Any]:
-    """Return rotation format, units and polarity of an action space, by field of :class:`AnswerRule`.
+    """Return an action space's rotation format, units and polarity, by field of :class:`AnswerRule`.
 
-    Raises UnknownNameError if there is no such action space.
+    Raises UnknownNameError if no such action space exists.
     """
     scale = action_space(space).scale
     added = space in _ADDS_ANGLES

@@ -20,7 +20,7 @@ FrameT = TypeVar("FrameT", bytes, bytes | str)
 DeclaredT = TypeVar("DeclaredT")
 
 PROTOCOL = 1
-"""Version of the declaration of betterbench's servers."""
+"""Version of the declaration that betterbench servers make."""
 
 _MOST_SHOWN = 12
 """Maximum number of differences named in one message."""
@@ -31,11 +31,11 @@ class Declaration:
     """Conventions declared by one side. Missing fields are not compared.
 
     Attributes:
-        action_scale: Physical size of one unit of each number.
+        action_scale: Physical size of one unit for each number.
         action_convention: Frame, reference and polarity in words.
         position: Format of translations or positions ("delta_xyz").
         rotation: Format of rotations ("axis_angle").
-        gripper: Polarity of the gripper ("close_positive").
+        gripper: Gripper polarity ("close_positive").
         state: Format of the robot's state.
         language: Whether the instruction is sent or required ("instruction").
         rate_hz: Control rate [Hz].
@@ -72,7 +72,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """Declaration of a betterbench server; newer servers may declare more fields."""
+    """Declaration made by a betterbench server; newer servers may declare more fields."""
 
     preset: str
     action_space: dict[str, Any]
@@ -124,7 +124,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read the declaration of a betterbench server; raise HandshakeError for a malformed one or another version."""
+    """Read a betterbench server's declaration; raise HandshakeError if it is malformed or has another version."""
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
@@ -143,7 +143,7 @@ def read_server(who: str, form: object) -> Declaration:
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Read the chunk execution that a betterbench server declares; None if there is no such declaration.
+    """Read the chunk execution that a betterbench server declares; None if the server declares none.
 
     Raises HandshakeError if the declaration is malformed.
     """

@@ -27,13 +27,13 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """Image input of a policy: its key, its camera, and the transformation of the camera's image.
+    """Image input for a policy: key, camera, and transformation of the camera image.
 
     An image is rotated, then mirrored, then cropped, then fitted.
 
     Attributes:
-        camera: Name of the camera, or ``*`` for all cameras.
-        width: Required width [pixel]; None to keep the size of the image.
+        camera: Camera name, or ``*`` for all cameras.
+        width: Required width [pixel]; None to keep the image's size.
         fit: Fitting of an image with another aspect ratio.
         keep: Share of the area kept by a center crop, before fitting. Policies trained with random crops are evaluated
             with 0.9 (OpenVLA) or 0.95.
@@ -68,7 +68,7 @@ class ImageRule:
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Return a camera image as the input of the policy.
+        """Return a camera image as the policy's input.
 
         Shrinking averages over all source pixels of a pixel (Pillow's antialiased bilinear filter, as in openpi's
         client). An image of the right size is not changed.

@@ -6,7 +6,7 @@ CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and 
 Sources: starVLA ``examples/simBenchmarks/calvin/eval_files/eval_calvin.py``; vla-evaluation-harness
 ``benchmarks/calvin/benchmark.py``; X-VLA ``evaluation/calvin/calvin_client.py``; RLinf
 ``toolkits/eval_scripts_openpi/calvin_eval.py`` for openpi; VLA-Adapter ``vla-scripts/evaluate_calvin.py`` for the
-OpenVLA family. No client of GR00T or Being-H for CALVIN is published; these presets follow the layout of starVLA's
+OpenVLA family. No GR00T or Being-H client for CALVIN has been published; these presets follow the layout of starVLA's
 training data (``train_files/modality.json``), and Being-H's convention that 1 opens.
 """
 

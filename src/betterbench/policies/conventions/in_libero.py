@@ -1,7 +1,7 @@
 """Requests and actions of existing evaluation clients in LIBERO, by preset.
 
-A preset such as ``starvla`` describes a policy that was fine-tuned on demonstrations of betterbench. In LIBERO the same
-name describes a checkpoint that was trained on LIBERO, and its answers are executed as by the policy's own client: the
+A preset such as ``starvla`` describes a policy that was fine-tuned on betterbench demonstrations. In LIBERO the same
+name describes a checkpoint that was trained on LIBERO, and its answers are executed as in the policy's own client: the
 number passed to ``env.step`` is the same (tests/sim/worlds/test_answers.py).
 
 Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H

@@ -3,8 +3,8 @@
 - **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
   gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,
   actions of 0.1 to 1.0). Our controller executes a delta exactly, so our action units use these measured values.
-- **Origin.** Positions are in LIBERO's world frame, where the position of the robot's base depends on the kind of scene
-  (``libero/libero/envs/robots``: ``base_xpos_offset``, with the lengths of the tables in ``envs/problems``).
+- **Origin.** Positions are in LIBERO's world frame, where the robot base position depends on the kind of scene
+  (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
 - **Tool point.** LIBERO's is 0.097 m from the hand (robosuite's ``grip_site``), ours 0.1034 m, so ours is 6.4 mm lower.
 - **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and its clients
   rotate images by 180 degrees. The images in training are therefore upright and *mirrored* (openvla/openvla issue
@@ -20,10 +20,10 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.answers import Polarity
 
 MEASURED_TRANSLATION_M = 0.0125
-"""Measured translation of the end effector per action unit in one control step of LIBERO [m]."""
+"""Measured end-effector translation per action unit in one LIBERO control step [m]."""
 
 MEASURED_ROTATION_RAD = 0.1
-"""Measured rotation of the end effector per action unit in one control step of LIBERO [rad]."""
+"""Measured end-effector rotation per action unit in one LIBERO control step [rad]."""
 
 TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
 """LIBERO's tool point in our tool frame, whose z axis points from the hand to the fingertips [m]."""
@@ -50,10 +50,10 @@ def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polar
     """Return an adapter for a checkpoint trained on a suite of LIBERO.
 
     Args:
-        adapter: Layout of a policy that was fine-tuned on demonstrations of betterbench.
+        adapter: Layout of a policy that was fine-tuned on betterbench demonstrations.
         name: Name of the adapter that is returned.
         suite: A key of :data:`BASES_M`.
-        gripper: Polarity of the gripper in the checkpoint's data.
+        gripper: Gripper polarity in the checkpoint's data.
     """
     return replace(
         adapter,

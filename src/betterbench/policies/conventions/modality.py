@@ -25,7 +25,7 @@ class Modalities:
     Attributes:
         video: Names of the required images; None if not declared. The same applies to the other modalities.
         steps: Control steps of each sample relative to now, by modality in ``SEEN``; the last one is 0.
-        prefixed: Whether names have a prefix with their modality ("video.front"), as in N1.5.
+        prefixed: Whether names have their modality as a prefix ("video.front"), as in N1.5.
     """
 
     video: tuple[str, ...] | None = None
@@ -65,7 +65,7 @@ class Modalities:
 
     @property
     def remembers(self) -> bool:
-        """Whether the policy needs observations of earlier time steps."""
+        """Whether the policy needs observations from earlier time steps."""
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
@@ -103,7 +103,7 @@ class Modalities:
 
 
 def name_of(key: tuple[str, ...]) -> str:
-    """Return the name of an adapter's key without prefix: ("video", "front") and ("video.front",) are both "front"."""
+    """Return an adapter key's name without prefix: ("video", "front") and ("video.front",) are both "front"."""
     if len(key) > 1:
         return "/".join(key[1:])
     kind, dot, rest = key[0].partition(".")

@@ -1,4 +1,4 @@
-"""Adapters of known policies, and the options of an address that override them."""
+"""Adapters for known policies, and the address options that override them."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper positi
 the client thresholds at 0.5. The actions are executed as velocities: at our 20 Hz one unit is a step of 0.15 rad.
 ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds are reduced
 and counted as clipped. DROID adds a step to the measured joint angles, betterbench to the last commanded angles.
-DROID's exterior camera stands to the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
+DROID's exterior camera is at the side of the robot. Our closest camera is ``left_shoulder``, which ``--observation
 droid`` renders; ``camera.observation/exterior_image_1_left=front`` uses the front view instead. openpi's example client
 executes 8 actions of a chunk.
 """
@@ -130,8 +130,8 @@ GR00T_NEW_EMBODIMENT = Adapter(
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
 
-Keys and slices of a new embodiment come from the ``meta/modality.json`` of its fine-tuning; this preset uses those of
-our export. The server declares its keys at connection, and the handshake compares them.
+A new embodiment gets its keys and slices from the ``meta/modality.json`` used for its fine-tuning; this preset uses
+those of our export. The server declares its keys at connection, and the handshake compares them.
 """
 
 _XYZ = ("x", "y", "z")
@@ -189,7 +189,7 @@ GR00T_OXE_WIDOWX = Adapter(
 """GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
 (``examples/SimplerEnv/custom_data_config.py``).
 
-Conventions of BridgeData V2: meters, and angles about the axes of the base, at 5 Hz; a gripper value of 1 is open.
+BridgeData V2 conventions: meters, and angles about the base axes, at 5 Hz; a gripper value of 1 is open.
 Rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
 ``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step at 20 Hz executes a
 quarter of a delta.
@@ -383,7 +383,7 @@ LEROBOT = Adapter(
 )
 """LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
 
-The state equals that of betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+The state equals the state in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
@@ -427,7 +427,7 @@ UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LA
 
 
 def preset(name: str) -> Adapter:
-    """Return a preset by name; raise UnknownNameError if there is no such preset."""
+    """Return a preset by name; raise UnknownNameError if no such preset exists."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -437,8 +437,7 @@ def preset(name: str) -> Adapter:
 def own_preset(name: str) -> Adapter:
     """Return a preset for betterbench's own scenes.
 
-    Raises UnknownNameError if there is no such preset, and InvalidInputError if only another world executes its
-    actions.
+    Raises UnknownNameError if no such preset exists, and InvalidInputError if only another world executes its actions.
     """
     found = preset(name)
     if name not in OWN_PRESETS:
@@ -502,7 +501,7 @@ def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter of a preset in the world of an address."""
+    """Return a preset's adapter in the world of an address."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
         return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the prompts of NVIDIA's LIBERO checkpoints
@@ -512,7 +511,7 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
-    """Return the error for actions that the world of an address does not support, with a remedy for that world."""
+    """Return the error for actions that an address's world does not support, with a remedy for that world."""
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"

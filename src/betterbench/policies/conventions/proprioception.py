@@ -1,4 +1,4 @@
-"""Proprioceptive inputs of a policy: parts of the robot's state, with format and order."""
+"""A policy's proprioceptive inputs: parts of the robot's state, with format and order."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _SIZES: dict[str, int] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """State input of a policy: one vector under a key, with parts of the robot's state.
+    """State input for a policy: one vector under a key, with parts of the robot's state.
 
     Attributes:
         dtype: Type of its numbers.
@@ -108,7 +108,7 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that it has parts."""
+        """Check that the input has parts."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
             raise InvalidInputError(where, "the state has no parts", "Name at least one, such as ee_position")
@@ -122,7 +122,7 @@ class StateRule:
 
     @property
     def holds_position(self) -> bool:
-        """Whether the vector contains the position of the end effector or a coordinate of the position."""
+        """Whether the vector contains the end-effector position or one of its coordinates."""
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self) -> list[tuple[StatePart, slice]]:
@@ -144,8 +144,8 @@ class StateRule:
     ) -> np.ndarray | float | int:
         """Return the state input for an observation: (size,) of ``dtype``, or a number for a scalar.
 
-        ``ee_offset_m`` is added to the position of the end effector, for policies with another origin.
-        ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` counts as fully open.
+        ``ee_offset_m`` is added to the end-effector position, for policies with another origin.
+        ``tool_offset_m`` is the policy's tool point in our tool frame. ``gripper_opening_m`` is treated as fully open.
         """
         values: list[float] = []
         for part in self.parts:
@@ -165,7 +165,7 @@ class StateRule:
 def tool_position(
     observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
 ) -> list[float]:
-    """Return the position of a policy's tool point, which is given in our tool frame, [x, y, z] [m]."""
+    """Return the position of a policy's tool point, given in our tool frame, [x, y, z] [m]."""
     position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
     if not any(tool_offset_m):
         return position
@@ -175,7 +175,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return the numbers of one whole part other than a position."""
+    """Return the numbers for one complete part other than a position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":

@@ -1,7 +1,7 @@
 """Requests to a betterbench server: observations in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send the LIBERO
-layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles, which are then NaN, so
+layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles; they are then NaN, so
 that no policy can mistake them for a measurement.
 """
 
@@ -39,7 +39,7 @@ class Request:
         step: Control steps since reset, or None if the client does not send it.
         start: Start of the episode, or None if the client does not send it.
         trial: The trial, if the client names it; only a served expert needs it.
-        observation: Observation of the client, or None if the client sends neither joints nor state.
+        observation: The client's observation, or None if the client sends neither joints nor state.
         measured: Whether the observation contains joint angles, which the shadow simulation compares.
     """
 
@@ -52,7 +52,7 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request; raise InvalidInputError with the name of the field if one is missing or malformed."""
+    """Read a request; raise InvalidInputError with the field name if one is missing or malformed."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
@@ -74,9 +74,9 @@ def read_request(message: Mapping[Any, Any]) -> Request:
 
 
 def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
-    """Read the instruction and, if present, the control step of a request in the layout of an adapter.
+    """Read the instruction and, if present, the control step of a request in an adapter's layout.
 
-    Raises InvalidInputError with the name of the field if the instruction is missing or malformed.
+    Raises InvalidInputError with the field name if the instruction is missing or malformed.
     """
     instruction = _entry(message, layout.instruction.key)
     for _ in range(_MOST_LISTS):
@@ -90,7 +90,7 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
 
 
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
-    """Return the states in a request in the layout of an adapter, each as (size,) float64.
+    """Return the states in a request in an adapter's layout, each as (size,) float64.
 
     A state of zeros is treated as missing. Raises InvalidInputError with the name of a malformed field.
     """

@@ -2,7 +2,7 @@
 
 A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
 conversion here normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small rotations of
-actions. The rotation of a tool in the state is instead converted continuously around half a turn (see
+actions. A tool's rotation in the state is instead converted continuously around half a turn (see
 ``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`).
 """
 
@@ -27,9 +27,10 @@ RotationFormat = Literal[
     "matrix",
 ]
 """``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` contains the first column of
-the matrix, then the second (Zhou et al. 2019); ``_rows`` the first two rows instead (pytorch3d, GR00T);
-``_interleaved`` the first two columns read row by row (the simulators of vla-evaluation-harness). ``matrix`` contains
-the nine numbers row by row."""
+the matrix, then the second (Zhou et al. 2019); ``_rows`` contains the first two rows instead (pytorch3d, GR00T);
+``_interleaved`` contains the first two columns read row by row (vla-evaluation-harness simulators). ``matrix`` contains
+the nine numbers row by row.
+"""
 
 ROTATION_SIZES: dict[RotationFormat, int] = {
     "quaternion_wxyz": 4,
@@ -114,8 +115,8 @@ def to_matrix(q: Quaternion) -> np.ndarray:
 def from_matrix(matrix: np.ndarray) -> Quaternion:
     """Return the quaternion of a rotation matrix, shape (3, 3).
 
-    The largest of the four components is computed first and the others from it, so that no square root of a number near
-    zero is needed.
+    The largest of the four components is computed first and the others from it, which avoids the square root of a
+    number near zero.
     """
     m = matrix
     t = (

@@ -34,7 +34,7 @@ class Address:
 
     Attributes:
         name: Name without options.
-        strength: Share of trials in which the rule applies.
+        strength: Fraction of trials in which the rule applies.
         action_noise_m: Standard deviation of the noise on each control step's translation [m].
     """
 

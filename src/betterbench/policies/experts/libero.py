@@ -45,7 +45,7 @@ _STILL_STEPS, _STILL_M = 6, 0.002
 POLICIES = {
     "expert": "brings the right object to the right target, and repeats a missed grasp",
     "zoo:lexical": "picks at the slot from which training picked for the same words of the instruction",
-    "zoo:layout": "picks at the slot from which training picked most often, whatever the instruction says",
+    "zoo:layout": "picks at the slot from which training picked most often, regardless of the instruction",
     "zoo:habit-place": "brings the right object to the trained position of the target",
     "zoo:clumsy": "reaches for the right object, but drops it or closes the gripper next to it",
 }
@@ -65,13 +65,13 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Privileged policy in one episode of a LIBERO task in which objects are carried."""
+    """Privileged policy for one episode of a LIBERO task in which objects are carried."""
 
     def __init__(self, address: str, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset.
 
         Raises:
-            UnknownNameError: If there is no such policy.
+            UnknownNameError: If no such policy exists.
             InvalidInputError: If the policy does not support LIBERO, or the task needs other skills.
         """
         asked = parse_address(address)
@@ -89,7 +89,7 @@ class LiberoAgent:
 
     @property
     def name(self) -> str:
-        """Address of the policy."""
+        """Policy address."""
         return self._name
 
     @property
@@ -164,7 +164,7 @@ class LiberoAgent:
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
-        """Return the slots from which a rule picks, the first choice first, and the label of a wrong pick."""
+        """Return the slots from which a rule picks, first choice first, and the label for a wrong pick."""
         here = {slot.name for slot in state.info.slots}
         trained = self._trained
         if self._rule == "zoo:layout":
@@ -240,7 +240,7 @@ class CarriedStep:
 
 
 def steps_of(scene: ProcessScene) -> tuple[CarriedStep, ...]:
-    """Return the steps of the task of a scene after reset.
+    """Return the steps of a scene's task after reset.
 
     Raises:
         InvalidInputError: If a step requires more than carrying.
@@ -264,7 +264,7 @@ def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> Car
 
 
 def standing_in(state: WorldState, slot: str) -> str | None:
-    """Return the movable object that stands in a slot, or None."""
+    """Return the movable object in a slot, or None."""
     place = state.info.slot(slot).position
     near = [
         (horizontal_distance(state.pose(o.name).position, place), o.name) for o in state.info.objects if not o.fixed
@@ -310,7 +310,7 @@ def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
     across, along = (rotate(pose.quaternion, axis)[:2] for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     (dx, dy), (width, length) = HAND_HALF_M, other.size_m[:2]
     x, y = grasp.position[0] - pose.position[0], grasp.position[1] - pose.position[1]
-    # Two rectangles are disjoint if a side of one of them separates them.
+    # Two rectangles are disjoint if a side of one rectangle separates them.
     return all(
         abs(x * a + y * b)
         <= dx * abs(a) + dy * abs(b) + 0.5 * width * abs(_dot(across, (a, b))) + 0.5 * length * abs(_dot(along, (a, b)))
@@ -323,12 +323,12 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return the target position of a step, for the center of the object's bottom [m]."""
+    """Return a step's target position for the center of the object's bottom [m]."""
     return _place_at(state, step, state.pose(step.target).position)
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return the target position of a step if the target is at ``there`` [m]; in a container it is above the rim."""
+    """Return a step's target position if the target is at ``there`` [m]; in a container, it is above the rim."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)

@@ -44,7 +44,7 @@ COMFORT_RAD = 0.3
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason for rejecting a path that would need another posture of the arm."""
+"""Reason for rejecting a path that would need another arm posture."""
 LIFT_M = 0.08
 """Length of the straight approach and retreat [m]."""
 
@@ -54,7 +54,7 @@ class PickPlan:
     """Collision-free path to pick up an object.
 
     Attributes:
-        object: Name of the object.
+        object: Object name.
         way: Poses of the tool center point on the path, the last one above the grasp.
         grasp: Pose ``T_world_tcp`` at which the gripper closes.
         width_m: Opening width on the way down [m].
@@ -112,8 +112,8 @@ class Planner:
 
         Args:
             state: Current state.
-            name: Name of the object.
-            cost: Value added to the rotation of the gripper [rad] when ordering grasps of equal preference.
+            name: Object name.
+            cost: Value added to the gripper rotation [rad] when ordering grasps of equal preference.
 
         Raises:
             PlanningError: If no grasp can be reached without a collision.
@@ -149,8 +149,8 @@ class Planner:
 
         Args:
             state: Current state.
-            name: Name of the drawer.
-            travel_m: Distance to move it [m]; positive opens it.
+            name: Drawer name.
+            travel_m: Distance to move the drawer [m]; positive opens it.
 
         Raises:
             PlanningError: If its knob cannot be grasped, or the path along the rails is not free.
@@ -177,7 +177,7 @@ class Planner:
 
         Args:
             state: Current state, with the object in the gripper.
-            name: Name of the object.
+            name: Object name.
             goals: Final poses with their approaches, the best first.
 
         Raises:
@@ -281,7 +281,7 @@ class Planner:
         return joints if blocked is None else None
 
     def asset(self, name: str) -> Asset:
-        """Return the asset of an object of the scene."""
+        """Return the asset of a scene object."""
         return self._assets[name]
 
     def _grasps(

@@ -29,7 +29,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """Execution noise of a policy: motion errors in the execution of decisions.
+    """Execution noise of a policy: motion errors while executing decisions.
 
     Attributes:
         grasp_offset: Deliberate grasp error, or None.
@@ -66,7 +66,7 @@ class _DecisionLoop:
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
 
     def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode, starting from the given state. Each next state is sent to the generator."""
+        """Yield an episode's actions, starting from the given state. Each next state is sent to the generator."""
         home = state.ee_pose
         history: tuple[Decision, ...] = ()
         while len(history) < MAX_DECISIONS:
@@ -104,7 +104,7 @@ class _DecisionLoop:
 
 
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return the release points of demonstrations at the targets of a scene, by target, relation and region.
+    """Return the release points of demonstrations at a scene's targets, by target, relation and region.
 
     In trials, the expert follows these points, to show that trained motions solve the trial. Demonstrations themselves
     have no release points to follow.
@@ -113,7 +113,7 @@ def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
 
 def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return the measured release points of demonstrations at the targets of a scene, for any seed."""
+    """Return the measured release points of demonstrations at a scene's targets, for any seed."""
     condition = scene.condition
     known = demonstrated_if_measured(scene.task, engine=engine_version())
     grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
@@ -140,11 +140,11 @@ class PrivilegedAgent:
         """Prepare for an episode.
 
         Args:
-            name: Address of the policy.
-            scene: The scene of the episode.
+            name: Policy address.
+            scene: The episode's scene.
             rule: Decision rule.
             noise: Execution noise of the decisions; none if not given.
-            skills: Motor skills; those of the expert if not given.
+            skills: Motor skills; default: the expert's skills.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()
@@ -154,12 +154,12 @@ class PrivilegedAgent:
 
     @property
     def name(self) -> str:
-        """Address of the policy."""
+        """Policy address."""
         return self._name
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """Ground truth about the policy's episode, stored in the journal of the run but not in records.
+        """Ground truth about the policy's episode, stored in the run journal but not in records.
 
         ``truth`` is the outcome label of the first wrong decision (``fault``), empty if all decisions were right.
         ``mishap`` is a right decision that the gripper could not execute. A witness adds ``same``, the names of the
@@ -205,7 +205,7 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
 
     Args:
         address: Its address.
-        scene: The scene of the episode.
+        scene: The episode's scene.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.

@@ -26,17 +26,17 @@ _KEPT = 256
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
 
 OTHER_DEMONSTRATIONS = 500_000
-"""Offset of the seed for another demonstration of the same trial."""
+"""Seed offset for another demonstration of the same trial."""
 
 
 class OpenLoop:
-    """Open-loop policy that executes given actions in order and then stands still."""
+    """Open-loop policy that executes given actions in order and then does not move."""
 
     def __init__(self, name: str, actions: np.ndarray) -> None:
         """Prepare for an episode.
 
         Args:
-            name: Address of the policy.
+            name: Policy address.
             actions: (T, 7) actions to execute.
         """
         self._name, self._actions = name, actions
@@ -44,7 +44,7 @@ class OpenLoop:
 
     @property
     def name(self) -> str:
-        """Address of the policy."""
+        """Policy address."""
         return self._name
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
@@ -61,7 +61,7 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
 
     Args:
         name: "probe:replay" or "probe:no-images".
-        scene: The scene of the episode.
+        scene: The episode's scene.
         play: Factory of the policy whose motion is replayed, for a scene.
     """
     condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
@@ -96,7 +96,7 @@ def demonstration(
     Args:
         scene: A scene of the task, with the action space and quality to use.
         condition: The training condition.
-        seed: Seed of the demonstration.
+        seed: Demonstration seed.
         play: Factory of the policy for a scene.
     """
     key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name, scene.looks)

@@ -37,7 +37,7 @@ class ExpertEntry:
     """Entry of a privileged policy in the registry.
 
     Attributes:
-        address: Address of the policy.
+        address: Policy address.
         summary: Behavior in one sentence.
         rule: Constructor of the decision rule from the trial and the rule's strength.
     """
@@ -87,7 +87,7 @@ def witnessed() -> tuple[str, ...]:
 
 
 def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
-    """Return the addresses of the privileged policies: all, or those of one form."""
+    """Return the addresses of the privileged policies: all, or only addresses of one form."""
     return tuple(name for name in (*EXPERTS, *REPLAYS) if form is None or form.has(name))
 
 

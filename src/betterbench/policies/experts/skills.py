@@ -199,7 +199,7 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order of attempts, with equal goals in random order (drawn per kind of object).
+        """Return goals in the order of attempts, with equal goals in random order (drawn per object kind).
 
         In a container, the release points of demonstrations come first.
         """
@@ -242,8 +242,8 @@ class Skills:
 
         Args:
             state: Current state.
-            name: Name of the drawer.
-            distance_m: Distance to move it [m]; positive opens it.
+            name: Drawer name.
+            distance_m: Distance to move the drawer [m]; positive opens it.
 
         Returns:
             The last state and whether the knob was in the gripper.
@@ -272,7 +272,7 @@ class Skills:
 
         Args:
             state: Current state.
-            name: Name of the drawer.
+            name: Drawer name.
             mount: Pose ``T_world_drawer`` of the closed drawer.
             out: Whether to open it.
 
@@ -338,7 +338,7 @@ def pads_beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> P
 
     Args:
         state: Current state.
-        name: Name of the object.
+        name: Object name.
         grasp: Pose ``T_world_tcp`` of the right grasp.
         gap_m: Gap to leave between the pads and the object's bounding box [m].
     """

@@ -1,4 +1,4 @@
-"""``probe:no-language``: a policy with the whole state but without the instruction."""
+"""``probe:no-language``: a policy with the complete state but without the instruction."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks.interventions import vary
 
 
 class NoLanguage(BrokenRule):
-    """Follows a random instruction of the task that is possible in this scene, possibly the given instruction.
+    """Follows a random instruction of the task that is possible in this scene; this may be the given instruction.
 
     If such a policy succeeds more often than a random choice among these instructions, the scene reveals the answer.
     """
@@ -25,7 +25,7 @@ class NoLanguage(BrokenRule):
 
 
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
-    """Return the instructions of the task that are possible in the scene of a trial, in a stable order."""
+    """Return the instructions of the task that are possible in a trial's scene, in a stable order."""
     task = situation.task
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
     known = {c.instruction.text: c.instruction for c in conditions}

@@ -1,7 +1,7 @@
 """Base class of faulty decision rules, with the ground truth about each episode's first fault.
 
-A faulty policy compares each of its decisions with the right decisions at that moment. The first wrong decision
-determines the true label of the trial, independently of the record. The label is written to the journal of the run,
+A faulty policy compares each of its decisions with the decisions that would be right at that time. The first wrong
+decision determines the true label of the trial, independently of the record. The label is written to the run journal,
 never to the record. It therefore serves as ground truth for the diagnosis, which reads only records.
 """
 
@@ -52,9 +52,9 @@ class BrokenRule(ExpertRule):
     """Rule that decides like the expert except where its fault applies.
 
     Attributes:
-        label: Label of a fault in which the rule takes the object of another instruction or another step.
-        empty_label: Label of a fault in which the rule grasps at an empty position.
-        place_label: Label of a fault in which the rule brings the right object to another target.
+        label: Fault label in which the rule takes another instruction's or another step's object.
+        empty_label: Fault label in which the rule grasps at an empty position.
+        place_label: Fault label in which the rule brings the right object to another target.
         fault: The first wrong decision of the episode, or None so far.
     """
 
@@ -67,8 +67,8 @@ class BrokenRule(ExpertRule):
 
         Args:
             situation: The trial.
-            strength: Share of trials in which the rule applies, drawn from the trial's random stream; in the others,
-                the expert decides.
+            strength: Fraction of trials in which the rule applies, drawn from the trial's random stream; in the other
+                trials, the expert decides.
         """
         super().__init__(situation)
         self.trained: TrainingDistribution = training_distribution_of(situation.task)
@@ -121,7 +121,7 @@ class BrokenRule(ExpertRule):
         return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
-        """Return whether any instruction of the task refers to a kind of object."""
+        """Return whether any instruction of the task refers to an object kind."""
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
@@ -166,6 +166,6 @@ class BrokenRule(ExpertRule):
         return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
-        """Return whether training brought this kind of object to this target, so that a decision looks like habit."""
+        """Return whether training brought this object kind to this target, so that a decision looks like a habit."""
         kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
         return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

@@ -1,4 +1,4 @@
-"""Kinds of policies as values, and the registry of all kinds."""
+"""Policy kinds as values, and the registry of all kinds."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class PlannedTrial(Protocol):
 
     @property
     def task(self) -> str:
-        """Name of the task."""
+        """Task name."""
 
     @property
     def condition(self) -> str:
-        """Name of the condition."""
+        """Condition name."""
 
     @property
     def base_condition(self) -> str | None:
@@ -33,7 +33,7 @@ class PlannedTrial(Protocol):
 
     @property
     def seed(self) -> int:
-        """Seed of the trial."""
+        """Trial seed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +101,7 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """Kind of policies: the form of their addresses, their needs, and their constructor.
+    """Policy kind: address format, needs, and constructor.
 
     The functions get an address checked by :attr:`read`, and raise a BetterError on failure.
 
@@ -114,12 +114,13 @@ class PolicyKind:
         make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
         named: One sentence for each policy, by address, if the kind has a fixed list of policies; else None.
         read: Reads an address for a world ("libero"), or for our own world (""); by default ``form`` is used.
-        describe: Returns the declarations of a policy, or None if the policy must be made first.
+        describe: Returns a policy's declarations, or None if the policy must be made first.
         compares: Whether the policies have a ``check`` method that compares conventions with the run.
         source_of: Returns name and SHA-256 of the user's file behind a policy, for comparison when a run resumes.
-        risk: Risk of evaluating such an address, with ``{target}``; the user must accept it with ``--trust``.
+        risk: Risk of evaluating an address of this kind, with ``{target}``; the user must accept the risk with
+            ``--trust``.
         require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
-        space_in_world: Returns the action space of a policy's answers in the world of its address; None if not fixed.
+        space_in_world: Returns the action space of a policy's answers in the address's world; None if not fixed.
     """
 
     form: AddressForm
@@ -139,11 +140,11 @@ class PolicyKind:
 
     @property
     def name(self) -> str:
-        """Name of the kind, which is the prefix of its addresses."""
+        """Kind name, which is the prefix of its addresses."""
         return self.form.scheme
 
     def parse(self, text: str, *, world: str = "") -> PolicyAddress:
-        """Read an address of this kind, in the conventions of a world if ``world`` is given.
+        """Read an address of this kind, in a world's conventions if ``world`` is given.
 
         Raises:
             UnknownNameError: If the policy or an option does not exist.
@@ -156,7 +157,10 @@ class PolicyKind:
         return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
 
     def entries(self) -> tuple[PolicyEntry, ...]:
-        """Return the rows of ``better list policies``; empty for a kind without a summary, which is always refused."""
+        """Return the rows for ``better list policies``.
+
+        Empty for a kind without a summary, which is always rejected.
+        """
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()
         return tuple(PolicyEntry(address, text, privileged) for address, text in rows.items() if text)
@@ -178,7 +182,7 @@ def register(kind: PolicyKind) -> PolicyKind:
 
 
 def find_kind(address: str) -> PolicyKind | None:
-    """Return the kind of an address, or None if no kind has such addresses."""
+    """Return an address's kind, or None if no kind has such addresses."""
     return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
 
 
@@ -186,7 +190,7 @@ def kind_of(address: str) -> PolicyKind:
     """Return the kind of an address.
 
     Raises:
-        UnknownNameError: If no kind has such addresses; the message names the closest ones.
+        UnknownNameError: If no kind has such addresses; the message names the closest kinds.
     """
     kind = find_kind(address)
     if kind is None:
@@ -224,7 +228,7 @@ def needs_of(address: str) -> PolicyNeeds:
 
 
 def read_address(address: str, *, world: str = "") -> PolicyAddress:
-    """Read an address, in the conventions of a world if ``world`` is given.
+    """Read an address, in a world's conventions if ``world`` is given.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -234,7 +238,7 @@ def read_address(address: str, *, world: str = "") -> PolicyAddress:
 
 
 def make_policy(address: str, *, world: str = "") -> Policy:
-    """Return a policy that uses observations, in the conventions of a world if ``world`` is given.
+    """Return a policy that uses observations, in a world's conventions if ``world`` is given.
 
     Raises:
         UnknownNameError: If the policy or an option does not exist.
@@ -256,7 +260,7 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
     Raises:
         UnknownNameError: If the policy or an option does not exist.
         InvalidInputError: If an option is out of range, a checkpoint or a record is missing, or the policy does not
-            support the world of the scene.
+            support the scene's world.
         MissingDependencyError: If an extra or a distribution is not installed.
     """
     kind = kind_of(address)

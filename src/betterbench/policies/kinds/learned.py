@@ -27,7 +27,7 @@ _FORM = AddressForm(
 
 
 def learned_address(checkpoint: Path) -> str:
-    """Return the address of the learner of a checkpoint."""
+    """Return the address of a checkpoint's learner."""
     return f"{_FORM.scheme}:{checkpoint}"
 
 

@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot, in a separate process; LeRobot's own server is refused."""
+"""LeRobot checkpoints, in a separate process; LeRobot's own server is rejected."""
 
 from __future__ import annotations
 

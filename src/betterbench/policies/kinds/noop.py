@@ -20,10 +20,10 @@ class Noop:
     info = PolicyInfo("noop", needs_images=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; there is no state to reset."""
+        """Begin an episode; no state needs to be reset."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the action that stands still with an open gripper, shape (7,)."""
+        """Return an action that keeps the arm still with an open gripper, shape (7,)."""
         del observation
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
 

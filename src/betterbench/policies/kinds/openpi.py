@@ -1,4 +1,4 @@
-"""Servers of openpi, and of ``better serve``."""
+"""openpi servers, and servers started by ``better serve``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared parts of the kinds of built-in privileged policies: names, options and constructor."""
+"""Parts shared by the kinds of built-in privileged policies: names, options and constructor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Add the privileged policies of one form of addresses to the registry."""
+    """Add the privileged policies with one form of address to the registry."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names
@@ -48,7 +48,7 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations of a policy that uses the state and answers in ``ee_delta``."""
+    """Return the declarations for a policy that uses the state and answers in ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 
@@ -65,9 +65,9 @@ def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tupl
     """Return the error for a policy that cannot act in other worlds.
 
     Args:
-        address: Address of the policy.
+        address: Policy address.
         needs: The dependence on betterbench's scenes, for the message ("uses the privileged state").
-        world: Name of the world in messages.
+        world: World name in messages.
         known: Policies that support this world's state.
     """
     return InvalidInputError(

@@ -23,8 +23,9 @@ from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 def load_plugin(address: str) -> Policy:
     """Return an instance of a user's class.
 
-    The address is "module:Class" or "file.py:Class". Arguments of the class follow as in a URL ("?checkpoint=a/b&k=8"):
-    a value that is valid JSON (8, 0.5, true, null, "8") is parsed, any other value is a string.
+    The address is "module:Class" or "file.py:Class". Arguments for the class follow as in a URL
+    ("?checkpoint=a/b&k=8"): a value that is valid JSON (8, 0.5, true, null, "8") is parsed; any other value is a
+    string.
 
     Raises InvalidInputError if the module, the class, one of the methods or an argument is missing or unknown, or the
     class cannot be instantiated.
@@ -43,7 +44,7 @@ def load_plugin(address: str) -> Policy:
 
 
 def source_of(address: str) -> str:
-    """Return the name and SHA-256 of the file from which this process loaded a plugin; empty if there is none."""
+    """Return the name and SHA-256 of the file from which this process loaded a plugin; empty if it loaded none."""
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
@@ -85,7 +86,7 @@ def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
 
 
 def _instance(address: str, name: str, made: Callable[..., Policy], arguments: dict[str, Any]) -> Policy:
-    """Call a plugin's class with the arguments of its address."""
+    """Call a plugin's class with the arguments in its address."""
     takes = "none"
     try:
         signature = inspect.signature(made)
@@ -148,7 +149,7 @@ def _rest(text: str) -> str:
 
 
 def _read(text: str, world: str) -> PolicyAddress:
-    """Read an address whose options are arguments of the user's class, which are checked when the class is loaded."""
+    """Read an address whose options are arguments for the user's class; they are checked when the class is loaded."""
     _parts(_rest(text))
     return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
 

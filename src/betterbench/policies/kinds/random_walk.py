@@ -26,7 +26,7 @@ class Random:
         self._gripper = -1.0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Seed the walk by the number of the episode and the instruction."""
+        """Seed the walk with the episode number and the instruction."""
         digest = hashlib.sha256(f"random|{start.episode}|{start.instruction}".encode()).digest()
         self._draw = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))
         self._velocity = np.zeros(6)

@@ -42,14 +42,14 @@ def register_server(
     constants: bool = True,
     shown: str = "",
 ) -> PolicyKind:
-    """Add a kind of policy servers to the registry.
+    """Add a kind of policy server to the registry.
 
     Args:
         scheme: Scheme of its addresses.
         summary: One sentence that describes the servers.
         transport: Transport protocol of such a server.
         port: Default port.
-        connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
+        connect: Makes a client, with the handshake done, from an address and the seed for its pauses.
         usual: Default preset of an address; empty if the address must name a preset.
         options: Options of this kind only.
         constants: Whether an address may add constants to each request.
@@ -85,7 +85,7 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space of the answers in the world of an address; None if the address does not say.
+    """Return the action space of the answers in the address's world; None if the address does not say.
 
     ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class Replay:
-    """Replay of the record with the same seed in another run: of the same condition, or else of its twin.
+    """Replay of the record with the same seed in another run: from the same condition, or else from its twin.
 
-    After the end of the record, the policy stands still.
+    After the end of the record, the policy does not move.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
@@ -58,7 +58,7 @@ class Replay:
             )
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the recorded action of this step, or stand still after the last one."""
+        """Return the recorded action for this step, or stay still after the last recorded action."""
         actions = self._actions
         if actions is None:
             raise AssertionError("the constructor has loaded the actions")

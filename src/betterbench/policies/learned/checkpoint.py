@@ -39,9 +39,9 @@ class Trained:
 
     Attributes:
         recipe: Recipe of the training.
-        vocabulary: Vocabulary of the learner.
+        vocabulary: Learner vocabulary.
         step: Number of training steps.
-        data: SHA-256 over the records of the training data.
+        data: SHA-256 over the training data's records.
         action_space: Action space of the answers.
         code: Code that defines the family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in
             family.
@@ -99,7 +99,7 @@ def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], d
 
 
 def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained) -> None:
-    """Write the weights of a learner with :func:`write_tensors`."""
+    """Write a learner's weights with :func:`write_tensors`."""
     write_tensors(path, weights, trained.to_json())
 
 
@@ -130,7 +130,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
 def checkpoint_file(place: str) -> Path:
     """Return the checkpoint file that a recipe names as its start, directly or by folder.
 
-    Raises InvalidInputError if there is no checkpoint.
+    Raises InvalidInputError if no checkpoint exists.
     """
     path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
     if not path.is_file():
@@ -139,7 +139,7 @@ def checkpoint_file(place: str) -> Path:
 
 
 def read_vocabulary(path: Path) -> Vocabulary:
-    """Return the vocabulary of a checkpoint; InvalidInputError if the file is damaged."""
+    """Return a checkpoint's vocabulary; InvalidInputError if the file is damaged."""
     _, about = read_tensors(path)
     return _trained(about, str(path)).vocabulary
 
@@ -151,10 +151,10 @@ def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
 
 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
-    """Refuse metadata that imply more weights than the file contains, before the network is made.
+    """Reject metadata that imply more weights than the file contains, before the network is made.
 
-    A transformer layer has 12 matrices of its width squared (queries, keys, values, their output map, and two maps of
-    four times the width), and each word has one row of the width.
+    A transformer layer has 12 matrices of size width x width (queries, keys, values, their output map, and two maps of
+    size 4 width x width), and each word has one row of length width.
     """
     size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
     claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width
@@ -185,9 +185,9 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
 
 
 def require_code(about: Mapping[str, Any], where: str) -> None:
-    """Refuse weights whose family is defined by other code than during training.
+    """Reject weights whose family is defined by other code than during training.
 
-    Reading the recipe refuses unknown families by name.
+    Reading the recipe rejects unknown families by name.
     """
     recipe, code = about.get("recipe"), about.get("code")
     family = str(recipe.get("family")) if isinstance(recipe, dict) else ""
@@ -199,7 +199,7 @@ def require_code(about: Mapping[str, Any], where: str) -> None:
 
 
 def _seal(about: Mapping[str, Any], weights: str) -> str:
-    """Return the digest of a file, from the metadata and the digest of the tensors."""
+    """Return a file's digest, from the metadata and the digest of the tensors."""
     return seal_of({"about": seal_of(about), "tensors": weights})
 
 

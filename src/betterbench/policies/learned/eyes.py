@@ -1,4 +1,4 @@
-"""Image inputs of a learner of the ``pixels`` family, cropped and scaled from the images of a scene's cameras."""
+"""Image inputs for a learner of the ``pixels`` family, cropped and scaled from a scene's camera images."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Families of learners with their inputs, sizes and freezable parts. User files can add families.
 
-This module does not need torch; :mod:`networks` makes the network of a family.
+This module does not need torch; :mod:`networks` makes a family's network.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _HEAD = "head"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Capacity:
-    """Size of a transformer: width of its tokens, layers, and heads of attention."""
+    """Transformer size: token width, layers, and attention heads."""
 
     width: Annotated[int, Field(ge=8, le=1024)]
     layers: Annotated[int, Field(ge=1, le=24)]
     heads: Annotated[int, Field(ge=1, le=32)]
 
     def __post_init__(self) -> None:
-        """Refuse a width that is not divisible by the number of heads."""
+        """Reject a width that is not divisible by the number of heads."""
         if self.width % self.heads:
             raise InvalidInputError(
                 "width", f"{self.width} is not divisible by {self.heads} heads", "Give a multiple of the heads"
@@ -49,7 +49,7 @@ class Family:
 
     Attributes:
         name: Name in recipes.
-        sees: Input of the learner.
+        sees: Learner input.
         capacities: Sizes ``small``, ``base`` and ``large``.
         parts: Parts of the network that recipes may freeze.
         options: Own options for recipes, with defaults.
@@ -97,10 +97,10 @@ def learner(
     Args:
         name: Name in the field ``family`` of recipes.
         sees: ``objects`` for the state, ``pixels`` for the images of the recipe's ``eyes``.
-        capacities: Sizes ``small``, ``base`` and ``large``; by default those of the built-in family with the same
+        capacities: Sizes ``small``, ``base`` and ``large``; default: the sizes of the built-in family with the same
             input.
         parts: Names of its modules that recipes may freeze; the head can always be frozen.
-        options: Fields that recipes may set in their ``options``, with defaults, which also define the types.
+        options: Fields that recipes may set in their ``options``, with default values, which also define the types.
 
     Raises:
         InvalidInputError: If a name is taken, or an argument is missing or invalid.

@@ -80,7 +80,7 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
 
 
 def checkpoint_of(address: PolicyAddress) -> Path:
-    """Return the file of an address, or the checkpoint in its folder."""
+    """Return an address's file, or the checkpoint in its folder."""
     try:
         path = Path(address.target).expanduser()
     except RuntimeError as error:
@@ -104,7 +104,7 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
 
 
 def load_learner(address: PolicyAddress) -> Learner:
-    """Return the learner of a checkpoint, cached in this process until the file changes.
+    """Return a checkpoint's learner, cached in this process until the file changes.
 
     Raises the errors of :func:`learned_info`.
     """

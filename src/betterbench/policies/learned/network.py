@@ -1,4 +1,4 @@
-"""Networks of learners: the base class, the transformer of both built-in families, and the network of ``objects``."""
+"""Learner networks: the base class, the transformer used by both built-in families, and the ``objects`` network."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
 """Length scales at which an object's position relative to the tool is an input of the learner [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wavelengths of the sines and cosines of that position [m], which resolve millimeters."""
+"""Wavelengths of the sines and cosines for that position [m], which resolve millimeters."""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
 
 
 _Memory = tuple[Tensor, Tensor]
-"""Keys and values of the tokens of a layer."""
+"""Keys and values of one layer's tokens."""
 
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """Inputs of a batch of B samples, common to all families.
+    """Inputs for a batch of B samples, common to all families.
 
     Attributes:
         words: (B, w) int64 word indices of the instruction, at most MOST_WORDS words.
@@ -48,7 +48,7 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """Inputs of a batch of the ``objects`` family, with at most n objects per sample.
+    """Inputs for a batch in the ``objects`` family, with at most n objects per sample.
 
     Attributes:
         poses: (B, n, 9) float32.
@@ -65,7 +65,7 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: inputs, with the question in place of the instruction, and answers.
+    """Questions in a batch: inputs, with the question in place of the instruction, and answers.
 
     Attributes:
         answers: (B,) int64 indices of the correct answers.
@@ -83,7 +83,7 @@ class Heard:
         words: (U, w, width) tokens of the words.
         told: (U, w) bool, False for padding.
         which: (B,) index of each sample's instruction.
-        memories: Keys and values of the words in each layer, each (U, heads, w, width of a head).
+        memories: Keys and values of the words in each layer, each (U, heads, w, head width).
     """
 
     words: Tensor
@@ -109,7 +109,7 @@ class _Block(nn.Module):
         Args:
             tokens: (B, n, width).
             seen: (B, 1, 1, m + n) bool attention mask.
-            before: Keys and values of m preceding tokens, each (B, heads, m, width of a head).
+            before: Keys and values of m preceding tokens, each (B, heads, m, head width).
         """
         batch, length, width = tokens.shape
         parts = self.queries_keys_values(self.before_attention(tokens))
@@ -129,14 +129,14 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """Base network of learners: maps the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners: maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
 
     A family makes its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`. All
     families share the head that maps the vector to actions, the losses and the answers to questions.
 
     Attributes:
         recipe: Recipe of the training; ``recipe.size`` is the capacity.
-        options: Options of the family.
+        options: Family options.
         tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. There are such buffers for
             actions, (7,), and for the inputs named to :meth:`keep_scale`.
     """
@@ -167,7 +167,7 @@ class LearnerNetwork(nn.Module):
         self.keep_scale("action", ACTION_NUMBERS)
 
     def build(self, vocabulary: Vocabulary) -> None:
-        """Make the modules of the family, with initial weights from torch's own generator."""
+        """Make the family's modules, with initial weights from torch's own generator."""
         raise NotImplementedError(f"{type(self).__name__} has no method build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
@@ -175,7 +175,7 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            heard: Result of :meth:`hear` for the words of the batch, if already computed.
+            heard: Result of :meth:`hear` for the batch's words, if already computed.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
@@ -195,7 +195,7 @@ class LearnerNetwork(nn.Module):
         return found
 
     def keep_scale(self, name: str, count: int) -> None:
-        """Store mean and scale of values of the training data with the weights.
+        """Store the mean and scale of training data values with the weights.
 
         Possible names are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always
         stored. Raises InvalidInputError for other names.
@@ -275,7 +275,7 @@ class LearnerNetwork(nn.Module):
         Args:
             shown: Inputs of the batch.
             noise: (B, chunk, 7) start of a flow.
-            heard: Result of :meth:`hear` for the words of the batch, if already computed.
+            heard: Result of :meth:`hear` for the batch's words, if already computed.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
@@ -298,7 +298,7 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """Transformer over tokens of words, tool states and the inputs of a family.
+    """Transformer over tokens of words, tool states and a family's inputs.
 
     These families differ only in the encoder that maps their inputs to tokens. Modules made by :meth:`open_eyes` are
     named parts, which a recipe can freeze.
@@ -329,7 +329,7 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the modules and scales of this family."""
+        """Make this family's modules and scales."""
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
@@ -387,7 +387,7 @@ class TokenNetwork(LearnerNetwork):
         return gathered
 
     def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return the distinct instructions of a batch, the mask of their words, and each sample's instruction index.
+        """Return a batch's distinct instructions, the mask of their words, and each sample's instruction index.
 
         Words attend only to words, so each instruction is encoded once for all samples.
         """
@@ -407,7 +407,7 @@ class ObjectsNetwork(TokenNetwork):
     position_scale: Tensor
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the encoder of an object."""
+        """Make the object encoder."""
         _, categories, colors = vocabulary.sizes()
         self.objects = nn.ModuleDict(
             {

@@ -1,4 +1,4 @@
-"""Construction of the network of a recipe, for any family."""
+"""Construction of a recipe's network, for any family."""
 
 from __future__ import annotations
 

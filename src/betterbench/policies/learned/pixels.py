@@ -18,7 +18,7 @@ _KERNELS, _STRIDES = (5, 3, 3, 3), (2, 2, 2, 1)
 
 @dataclass(slots=True, kw_only=True)
 class PicturesBatch(ShownBatch):
-    """Inputs of a batch of the ``pixels`` family, with V views per sample.
+    """Inputs for a batch in the ``pixels`` family, with V views per sample.
 
     Attributes:
         pictures: (B, V, size, size, 3) uint8.
@@ -64,15 +64,15 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Network of ``pixels``, with one token per view: key points of a convolutional net modulated by the words.
+    """Network for ``pixels``, with one token per view: key points from a convolutional net modulated by the words.
 
-    The words scale and shift each channel (FiLM, Perez et al. 2018). The output of a channel is the mean position of
-    its softmax over the image and the peak value (spatial softmax, Levine et al. 2016, "End-to-End Training of Deep
+    The words scale and shift each channel (FiLM, Perez et al. 2018). A channel's output is the mean position of its
+    softmax over the image and the peak value (spatial softmax, Levine et al. 2016, "End-to-End Training of Deep
     Visuomotor Policies"). All views share the same net.
     """
 
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make the convolution net and the encoder of its key points."""
+        """Make the convolution net and the encoder for its key points."""
         del vocabulary
         self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
 
@@ -97,7 +97,7 @@ class PixelsNetwork(TokenNetwork):
 
 
 def channels_of(width: int) -> tuple[int, int, int, int]:
-    """Return the channels of the layers of the convolution net for a width of tokens."""
+    """Return the channel counts of the convolution layers for a given token width."""
     sixth = max(_GROUPS, width // 6 // _GROUPS * _GROUPS)
     return sixth, 2 * sixth, 4 * sixth, 6 * sixth
 

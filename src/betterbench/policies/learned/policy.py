@@ -33,7 +33,7 @@ class Learner:
     """Loaded network of a learner, shared between episodes.
 
     Attributes:
-        trained: Metadata of its checkpoint.
+        trained: Its checkpoint's metadata.
         fingerprint: SHA-256 of the checkpoint's file; empty during training.
     """
 
@@ -179,7 +179,7 @@ class SeeingPolicy:
         return learner.chunk(shown, _noise_seed(self._episode, observation.step))
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Raise InvalidInputError if a run's images differ from those of the training."""
+        """Raise InvalidInputError if a run's images differ from the training images."""
         del space, rate_hz
         wanted = self._learner.trained.recipe.eyes.observation
         if observation.name != wanted:
@@ -188,14 +188,14 @@ class SeeingPolicy:
 
 
 class _Past(Generic[SeenT]):
-    """Buffer of the inputs of earlier steps, for the history of a recipe."""
+    """Buffer for the inputs of earlier steps, for recipes with a history."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history
         self._seen: OrderedDict[int, SeenT] = OrderedDict()
 
     def keep(self, step: int, seen: SeenT) -> None:
-        """Store the input of a step, and drop inputs that are too old."""
+        """Store a step's input, and drop inputs that are too old."""
         self._seen[step] = seen
         while next(iter(self._seen)) < step - self._stride * (self._history - 1):
             self._seen.popitem(last=False)

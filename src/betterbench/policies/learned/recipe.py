@@ -1,4 +1,4 @@
-"""Training recipes, which contain all settings that determine a learner's weights."""
+"""Training recipes; they contain all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Proprioception:
     """Proprioceptive inputs of a learner.
 
     Attributes:
-        given: Whether the learner gets the tool's pose, the fingers, and inputs derived from them.
+        given: Whether the learner gets the tool pose, the fingers, and inputs derived from them.
         noise_m: Standard deviation of noise on the tool's position in training [m].
-        dropout: Share of training samples without any proprioception.
+        dropout: Fraction of training samples without any proprioception.
     """
 
     given: bool = True
@@ -56,9 +56,9 @@ class Augmentation:
 
     Attributes:
         object_noise_m: Standard deviation of noise on each object's position [m].
-        shift_m: Half the side of the square in which tool and all objects are shifted together [m].
+        shift_m: Half the side length of the square in which tool and all objects are shifted together [m].
         shift_px: Largest shift of an image along each axis [pixel], with edge padding, as by padding and a random crop.
-        light: Standard deviation of changes in contrast and brightness of an image, as shares of the full range.
+        light: Standard deviation of changes in image contrast and brightness, as fractions of the full range.
     """
 
     object_noise_m: _Length = 0.0
@@ -70,19 +70,19 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input of a learner of the ``pixels`` family: a camera, or a part of its image.
+    """Image input for a learner of the ``pixels`` family: a camera image, or part of it.
 
     Attributes:
-        camera: Name of the camera.
-        window: Left, top, right and bottom edge of the crop, as fractions of the camera's image. A window of ``size``
-            pixels is copied one to one; the whole image is scaled.
+        camera: Camera name.
+        window: Left, top, right and bottom edge of the crop, as fractions of the camera image. A window of ``size``
+            pixels is copied one to one; the complete image is scaled.
     """
 
     camera: str
     window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
 
     def __post_init__(self) -> None:
-        """Refuse an empty window."""
+        """Reject an empty window."""
         left, top, right, bottom = self.window
         if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
             problem = f"{list(self.window)} is empty or too small"
@@ -92,7 +92,7 @@ class View:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """Image inputs of a learner of the ``pixels`` family.
+    """Image inputs for a learner of the ``pixels`` family.
 
     Attributes:
         observation: Observation preset with the cameras of the images; evaluation must use the same preset.
@@ -107,7 +107,7 @@ class Eyes:
     quality: Literal["fast", "standard", "high"] = "standard"
 
     def __post_init__(self) -> None:
-        """Refuse a camera that the observation does not contain."""
+        """Reject a camera that the observation does not contain."""
         try:
             observation_spec(self.observation).only(self.cameras)
         except UnknownNameError as error:
@@ -145,16 +145,16 @@ class TrainingRecipe:
     """Recipe for training a learner: its data, network, optimization and validation.
 
     Attributes:
-        data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
+        data: Folders written by ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
+        family: Learner input: ``objects`` gets poses, sizes, categories and colors as from a perfect detector,
             ``pixels`` gets images; or the name of a user's family.
         options: Options of a user's family.
         tasks: Tasks whose demonstrations are used; all in the data if empty.
         variations: Whether to include demonstrations of test variations, as in the covered regime.
-        demonstrations: Maximum number of demonstrations of one condition, the lowest seeds first; None for all.
-        longest_pause: Maximum number of control steps of a demonstrator's pause in training; None for all.
-        every: Stride between input frames in training; the actions of a chunk are consecutive.
-        eyes: Image inputs of a learner of ``pixels``.
+        demonstrations: Maximum number of demonstrations per condition, lowest seeds first; None for all.
+        longest_pause: Maximum number of control steps used from a pause of the demonstrator; None for all.
+        every: Stride between input frames in training; a chunk's actions are consecutive.
+        eyes: Image inputs for a ``pixels`` learner.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
         history: Number of tool states as input: the present state and earlier states.
         history_stride: Control steps between these states; for ``pixels``, whose learners answer every ``execute``
@@ -164,17 +164,17 @@ class TrainingRecipe:
         loss: ``l1``, or ``flow`` for flow matching.
         flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Share of activations dropped in training.
-        gripper_weight: Sampling weight of a sample at a change of the gripper; other samples have weight 1.
+        gripper_weight: Sampling weight for a sample at a gripper change; other samples have weight 1.
         co_training: Questions learned in addition to actions, or None.
         start: Checkpoint with the initial weights, or None.
         frozen: Parts whose weights are not trained.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the moving average of the weights, which is used for evaluation.
+        ema: Decay of the moving average of the weights; this average is used for evaluation.
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as by ``better export --validation``.
         validate_every: Steps between two validations.
         rollouts: Number of rollouts in each validation, from the starts of held-out demonstrations.
-        save_every: Steps between two saved states, from which training resumes.
+        save_every: Number of steps between two saved states, from which training resumes.
         threads: Threads of one process. Weights are reproducible only with the same number of threads.
     """
 
@@ -217,7 +217,7 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse values that contradict each other or are not supported by the family."""
+        """Reject values that contradict each other or are not supported by the family."""
         self._require_family()
         if self.execute > self.chunk:
             problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
@@ -232,13 +232,15 @@ class TrainingRecipe:
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
-            problem = f"{self.co_training.weight} of a batch of {self.batch} is less than one question"
+            problem = (
+                f"a share of {self.co_training.weight} of a batch of {self.batch} samples is less than one question"
+            )
             raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
         if self.sees == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
 
     def _require_family(self) -> None:
-        """Refuse an unknown family or option."""
+        """Reject an unknown family or option."""
         try:
             family = learner_family(self.family)
         except UnknownNameError as error:
@@ -274,7 +276,7 @@ class TrainingRecipe:
 
     @property
     def sees(self) -> Sees:
-        """Input of the learner: the state as objects, or images."""
+        """Learner input: the state as objects, or images."""
         return learner_family(self.family).sees
 
     @property
@@ -284,12 +286,12 @@ class TrainingRecipe:
 
     @property
     def all_options(self) -> dict[str, Option]:
-        """The options of the family, with defaults for those that the recipe does not set."""
+        """The family's options, with defaults for options that the recipe does not set."""
         return {**learner_family(self.family).options, **self.options}
 
     @property
     def shape(self) -> dict[str, object]:
-        """Settings, besides the vocabulary, that determine the number of weights, by field name."""
+        """Settings that, together with the vocabulary, determine the number of weights, by field name."""
         given = self.proprioception.given
         return {
             "family": self.family,
@@ -318,7 +320,7 @@ class TrainingRecipe:
 
 
 def require_asked(stride: int, execute: int, field_name: str) -> None:
-    """Raise InvalidInputError if the history of a learner of pixels does not match the steps of its answers."""
+    """Raise InvalidInputError if a pixels learner's history does not match the steps of its answers."""
     if stride % execute:
         problem = f"{stride} is not a multiple of the {execute} actions between two answers of a learner of pixels"
         raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")

@@ -1,6 +1,6 @@
-"""Inputs of a learner of the ``objects`` family: the tool, and detectable properties of each object.
+"""Inputs for a learner of the ``objects`` family: the tool, and detectable properties of each object.
 
-An object's name, role and slot, the held object and the goal of the task are left out, because they would reveal the
+An object's name, role and slot, the held object and the task's goal are left out, because they would reveal the
 answer.
 """
 
@@ -70,7 +70,7 @@ def pose_numbers(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
 
 
 def moment_of(state: WorldState) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers of the tool, (10,), and of the objects' poses, (n, 9), of a state; both float32."""
+    """Return a state's tool values, (10,), and object pose values, (n, 9); both float32."""
     pose = state.ee_pose
     tool = tool_numbers(np.array([pose.position]), np.array([pose.quaternion]), np.array([state.finger_width_m]))
     poses = pose_numbers(np.array(state.positions).reshape(-1, 3), np.array(state.quaternions).reshape(-1, 4))

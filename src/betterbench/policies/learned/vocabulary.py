@@ -1,4 +1,4 @@
-"""Vocabularies of learners: words, categories, colors and answers of the training data, and an unknown entry."""
+"""Learner vocabularies: words, categories, colors and answers in the training data, and an unknown entry."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from betterbench.json_form import strict_form
 ABSENT = 0
 """Index of a missing word or object."""
 UNKNOWN = 1
-"""Index of a word that is not in the training data."""
+"""Index for a word that is not in the training data."""
 _FIRST = 2
 MOST_WORDS = 40
-"""Maximum number of words of an instruction; later words are ignored."""
+"""Maximum number of words in an instruction; later words are ignored."""
 
 _WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
 
 
 def words_of(instruction: str) -> list[str]:
-    """Return the words of an instruction in lower case, without punctuation."""
+    """Return an instruction's words in lower case, without punctuation."""
     return _WORD.findall(instruction.lower())
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """Vocabulary of a learner. ``answers`` are the possible answers to co-training questions."""
+    """Learner vocabulary. ``answers`` are the possible answers to co-training questions."""
 
     words: tuple[str, ...]
     categories: tuple[str, ...]
@@ -53,7 +53,7 @@ class Vocabulary:
         return words, categories, colors
 
     def word_ids(self, instruction: str) -> np.ndarray:
-        """Return the indices of the words of an instruction, at most MOST_WORDS, int64."""
+        """Return the indices of an instruction's words, at most MOST_WORDS, int64."""
         return _ids(words_of(instruction)[:MOST_WORDS], self.words)
 
     def category_ids(self, names: Sequence[str]) -> np.ndarray:
@@ -65,7 +65,7 @@ class Vocabulary:
         return _ids(names, self.colors)
 
     def unknown_words(self, instruction: str) -> tuple[str, ...]:
-        """Return the words of an instruction that are not in the training data."""
+        """Return the words in an instruction that are not in the training data."""
         return tuple(word for word in words_of(instruction) if word not in self.words)
 
 

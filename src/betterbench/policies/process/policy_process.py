@@ -1,4 +1,4 @@
-"""User policies in separate processes, so that a crash costs at most the trial of that policy."""
+"""User policies in separate processes, so that a crash costs at most that policy's current trial."""
 
 from __future__ import annotations
 
@@ -68,10 +68,11 @@ class PolicyProcess:
     process leads its own session, which separates its signals from the run's.
 
     Attributes:
-        info: Declarations of the policy.
+        info: Policy declarations.
         source: Name and SHA-256 of the file with the policy, or empty.
         takes_batches: Whether the policy answers several observations at once.
-        ready_at: Time from which the policy accepts requests, by ``time.perf_counter`` [s]; infinite during loading.
+        ready_at: Time at which the policy starts to accept requests, from ``time.perf_counter`` [s]; infinite during
+            loading.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class PolicyProcess:
         self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raise the errors of :meth:`act`.
+        """Tell the policy that an episode begins; raises the same errors as :meth:`act`.
 
         If the call fails in a process that has run other episodes, it is repeated in a new process.
         """
@@ -237,7 +238,7 @@ class BatchPolicyProcess(PolicyProcess):
 
 
 def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
-    """Return the policy of an address, loaded in a separate process; raise the errors of :class:`PolicyProcess`."""
+    """Return an address's policy, loaded in a separate process; raises the same errors as :class:`PolicyProcess`."""
     started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
     return kind(address, world=world, load_s=load_s, started=started)

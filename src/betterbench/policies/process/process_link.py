@@ -1,6 +1,6 @@
-"""Messages between a run and the process of a policy (:mod:`betterbench.jobs.frames`).
+"""Messages between a run and a policy's process (:mod:`betterbench.jobs.frames`).
 
-A request of the run is a pickle in an array of bytes; a request without arrays is the last. An answer contains no
+A request from the run is a pickle in a byte array; a request without arrays is the last one. An answer contains no
 Python objects, because a policy can write anything to its socket. The run reads answers in
 :mod:`betterbench.policies.process.process_reader`. The form checks are not imported here, to let the process of a
 policy start fast.
@@ -25,8 +25,8 @@ class Declared:
     """Declarations that a policy sends after loading.
 
     Attributes:
-        batches: Whether it answers several observations at once.
-        source: Name and fingerprint of the file that it was loaded from, or empty.
+        batches: Whether the policy answers several observations at once.
+        source: Name and fingerprint of the file from which it was loaded, or empty.
     """
 
     name: str
@@ -62,7 +62,7 @@ class ProcessAnswer:
     Attributes:
         error: Class of the raised betterbench error; empty for another exception, None without an error.
         texts: Texts of the error.
-        declared: Declarations of the policy, in the first message only.
+        declared: Policy declarations, in the first message only.
     """
 
     error: str | None = None

@@ -1,4 +1,4 @@
-"""Reading of messages from the process of a policy. Every part is checked, because a policy can send anything."""
+"""Reading of messages from a policy's process. Every part is checked, because a policy can send anything."""
 
 from __future__ import annotations
 

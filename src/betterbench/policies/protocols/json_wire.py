@@ -1,4 +1,4 @@
-"""Bodies of ``POST /act``: JSON with arrays in the format of json-numpy.
+"""Bodies for ``POST /act``: JSON with arrays in json-numpy format.
 
 An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
 string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`:
@@ -21,12 +21,13 @@ MAX_BODY_BYTES = 4 * 1024 * 1024
 """Largest accepted body [byte]: empty lists take 20 times as much in memory, and 100 actions about 15 kB."""
 
 ArrayCoding = Literal["map", "text", "png"]
-"""Encoding of arrays in a body: as a map (OpenVLA), as a text with the JSON of the map (X-VLA), or as a list of
-numbers, with images as the base64 of a PNG file (Dexbotic)."""
+"""Encoding of arrays in a body: as a map (OpenVLA), as a text with the map's JSON (X-VLA), or as a list of numbers,
+with images as base64-encoded PNG files (Dexbotic).
+"""
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
-    """Return the body of a value made of maps, lists, texts, numbers, None and NumPy arrays of numbers.
+    """Encode a value made of maps, lists, texts, numbers, None and NumPy number arrays as a body.
 
     With ``encoded``, the body has a single key ``encoded`` with the JSON as a string, which some servers need for
     arrays. Raises InvalidInputError for values of other types.
@@ -51,7 +52,7 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
 
 
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
-    """Return the value of a body, with read-only arrays; a string with the JSON of such a value is decoded too.
+    """Decode a body to a value with read-only arrays; a string with the JSON of such a value is decoded too.
 
     Raises PolicyError if it is malformed, too deep, or larger than ``MAX_BODY_BYTES``.
     """

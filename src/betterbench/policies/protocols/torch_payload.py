@@ -1,8 +1,8 @@
 """Reading of payloads written by torch, without running code in them.
 
 Being-H servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named by
-the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. In the list of
-allowed functions, stand-ins of this module replace NumPy's constructors and only store the arguments. Arrays are then
+the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. The list of allowed
+functions has stand-ins from this module instead of NumPy's constructors; they only store the arguments. Arrays are then
 built from plain bytes, with the same checks as in every other protocol.
 """
 
@@ -79,7 +79,7 @@ class _Array:
 
 
 class _Scalar:
-    """Stand-in for a NumPy number: its type and its bytes."""
+    """Stand-in for a NumPy number: its type and bytes."""
 
     def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
         self.kind, self.data = kind, data
@@ -171,7 +171,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
 def _survey(data: bytes) -> None:
     """Check the archive before torch reads it.
 
-    Compressed entries are refused, to keep the archive from growing in memory.
+    Compressed entries are rejected, to keep the archive from growing in memory.
     """
     if len(data) > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")

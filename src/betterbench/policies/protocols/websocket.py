@@ -1,4 +1,4 @@
-"""A websocket as a channel: whole messages with deadlines, and the errors of the library as OSError."""
+"""A websocket as a channel: complete messages with deadlines, and the library's errors as OSError."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class WebSocket:
     ) -> None:
         """Connect.
 
-        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server refuses the key or is
+        Raises OSError if the server is unreachable or not ready, and HandshakeError if the server rejects the key or is
         not a websocket server.
         """
         host, port = address.server()
@@ -75,7 +75,7 @@ class WebSocket:
             self._socket.send(message)
 
     def receive(self, timeout_s: float) -> bytes | str:
-        """Return the next message; raise OSError if none comes in time, PolicyError if it is too large."""
+        """Return the next message; raise OSError if none arrives in time, PolicyError if it is too large."""
         seconds = max(0.0, timeout_s)
         try:
             with self._cut_after(seconds + _GRACE_S, "no answer in time"):
@@ -159,7 +159,7 @@ class WebSocket:
             timer.cancel()
 
     def _not_connected(self, error: Exception) -> Exception:
-        """Return the error of a connection that could not be established."""
+        """Return the error for a connection that could not be established."""
         answer = error if isinstance(error, InvalidStatus) else error.__context__
         if isinstance(answer, InvalidStatus):
             status = answer.response.status_code

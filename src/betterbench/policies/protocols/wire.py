@@ -1,11 +1,11 @@
 """Wire formats: bytes to values and back, for the msgpack variants of policy servers.
 
-All variants send maps of texts, numbers and arrays, and differ in the marking of arrays: as in openpi's client, as in
+All variants send maps of texts, numbers and arrays; they mark arrays differently: as in openpi's client, as in
 vla-evaluation-harness, as a .npy file (GR00T to N1.6), or as in the package msgpack-numpy (the ``nd`` variant, used by
 GR00T N1.7 and some servers with openpi's protocol). Frames are untrusted: any byte string gives a value or a
 :class:`PolicyError`, never another error, and takes at most a few times its size in memory. A scan before decoding
-bounds depth and number of values. Arrays must have exactly the number of bytes of their type and shape. Images are
-bounded before decompression.
+bounds depth and number of values. Arrays must have exactly the number of bytes that their type and shape require.
+Images are bounded before decompression.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""
 
 MAX_DECLARED_BYTES = 4 * 1024 * 1024
-"""Largest declaration of a server [byte]; statistics of many data sets take about 100 kB."""
+"""Largest server declaration [byte]; statistics of many data sets take about 100 kB."""
 
 MAX_DECLARED_DEPTH = 16
 """Deepest nesting of lists and maps in a declaration."""
@@ -73,7 +73,7 @@ _UNREADABLE = (
 """Exceptions of the decoders for a frame that they cannot read."""
 
 OpenpiArrays = Literal["openpi", "nd"]
-"""Encoding of arrays in a request of openpi's protocol: as in its own client, or as in msgpack-numpy."""
+"""Encoding of arrays in an openpi request: as in openpi's own client, or as in msgpack-numpy."""
 
 ImageCoding = Literal["raw", "png", "jpeg"]
 """Encoding of uint8 images of vla-eval: raw, or compressed without or with loss."""
@@ -81,7 +81,7 @@ ImageCoding = Literal["raw", "png", "jpeg"]
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """Configuration of one modality of a GR00T server."""
+    """Configuration of one modality in a GR00T server."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
@@ -100,7 +100,7 @@ def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
+    """Decode a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
 
     Arrays may be marked as in openpi's client or in msgpack-numpy.
     """
@@ -137,7 +137,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
             raise ValueError(f"a scalar is a {type(value).__name__}")
-        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is refused later
+        with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is rejected later
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
 
@@ -181,9 +181,9 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
 
 
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
-    """Return the frame of a value in the dialect of vla-evaluation-harness, which has no arrays of texts.
+    """Encode a value as a frame in the vla-evaluation-harness dialect, which has no text arrays.
 
-    ``images`` selects the encoding of uint8 arrays of shape (height, width, 3 or 4). Raises the errors of
+    ``images`` selects the encoding of uint8 arrays with shape (height, width, 3 or 4). Raises the errors of
     :func:`encode_openpi`.
     """
 
@@ -200,7 +200,7 @@ def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
 
 
 def decode_vla_eval(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in the dialect of vla-evaluation-harness; see :func:`decode_openpi`."""
+    """Decode a frame in the vla-evaluation-harness dialect; see :func:`decode_openpi`."""
     return _decode(data, "vla-eval", _read_vla_eval)
 
 
@@ -233,7 +233,7 @@ def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
 
 def png_of(image: np.ndarray) -> bytes:
     """Return the PNG file of an image, (height, width, 3 or 4) uint8."""
-    # Level 1 of zlib: an image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
+    # zlib level 1: a 256 x 256 image takes 2 ms instead of 10, and 10 % more bytes.
     return _file_of(image, "PNG", compress_level=1)
 
 
@@ -267,7 +267,7 @@ def encode_gr00t(value: object) -> bytes:
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in GR00T's dialect, of any release; see :func:`decode_openpi`."""
+    """Decode a frame in GR00T's dialect, from any release; see :func:`decode_openpi`."""
     return _decode(data, "GR00T", _read_gr00t)
 
 
@@ -378,8 +378,8 @@ def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
-# Tokens of msgpack by their first byte: the number of following bytes, of bytes with a length, of bytes with a count,
-# and of values per count.
+# msgpack tokens by their first byte: the number of following bytes, of bytes with a length, of bytes with a count, and
+# of values per count.
 _FIXED = dict(
     zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
 )

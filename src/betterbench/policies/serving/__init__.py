@@ -1,1 +1,1 @@
-"""Server side of the openpi protocol: connections, their callers, and a budget for the size of frames."""
+"""Server side of the openpi protocol: connections, their callers, and a budget for frame sizes."""

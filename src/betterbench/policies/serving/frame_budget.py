@@ -1,4 +1,4 @@
-"""Memory budget of a server, for the unfinished and unanswered messages of all its clients.
+"""Memory budget for a server, covering all its clients' unfinished and unanswered messages.
 
 A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
 connection; this budget bounds all connections together. A connection that would exceed the budget waits, and the
@@ -48,7 +48,7 @@ class MessageMeter:
 
     @property
     def is_within(self) -> bool:
-        """Whether a message, the header of a frame or the opening request is incomplete."""
+        """Whether a message, a frame header or the opening request is incomplete."""
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
@@ -110,7 +110,7 @@ class Metered:
 
     Attributes:
         waited_s: Time spent waiting for its peer within the current message [s].
-        waits_since: Time at which the current wait began [s, monotonic]; None without a wait.
+        waits_since: Time at which the current wait began [s, monotonic]; None if there is no wait.
         is_cut: Whether the connection was dropped.
     """
 

@@ -141,7 +141,7 @@ class PolicyServer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Refuse new connections, close open connections, and wait until their threads have ended."""
+        """Reject new connections, close open connections, and wait until their threads have ended."""
         thread, self._thread = self._thread, None
         self._budget.stop()
         if thread is None:
@@ -152,7 +152,7 @@ class PolicyServer:
         # older releases of websockets do not close open connections
         with self._lock:
             left = list(self._open.items())
-        # At once, because each close waits for the answer of a client that may not respond.
+        # In parallel, because each close waits for an answer from a client that may not respond.
         closing = [threading.Thread(target=_close, args=(connection,), daemon=True) for connection, _ in left]
         for closer in closing:
             closer.start()
@@ -289,7 +289,7 @@ class PolicyServer:
 
 
 def _close(connection: ServerConnection) -> None:
-    """Close a connection of a server that stops."""
+    """Close a connection of a server that is stopping."""
     with contextlib.suppress(Exception):
         connection.close(_AWAY_CODE)
 

@@ -1,4 +1,4 @@
-"""Columns of a modality file: one row per row of the record."""
+"""Columns of a modality file: one row per record row."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.records.modalities.spec import MODALITIES, ViewSpec
 class ViewColumn(NamedTuple):
     """One column: the shape of its value in one row, and the type of its numbers.
 
-    An image is a fixed number of bytes in Parquet; everything else is a number or a list of fixed length.
+    An image is a fixed number of bytes in Parquet; everything else is a number or a fixed-length list.
     """
 
     name: str
@@ -46,7 +46,7 @@ class ViewColumn(NamedTuple):
 
 
 def view_columns(view: ViewSpec, modalities: Collection[str], objects: int) -> tuple[ViewColumn, ...]:
-    """Return the columns of a view for a scene with a given number of objects, without empty columns."""
+    """Return a view's columns for a scene with a given number of objects, without empty columns."""
     image, n = (view.height, view.width), objects
     images = {
         "rgb": ViewColumn("rgb", "|u1", (*image, 3), is_image=True),
@@ -84,7 +84,7 @@ MAX_CHUNK_ROWS = 32
 
 
 def chunk_rows(columns: tuple[ViewColumn, ...]) -> int:
-    """Return the number of rows of a row group: 32, or fewer for large images."""
+    """Return the number of rows in a row group: 32, or fewer for large images."""
     return max(1, min(MAX_CHUNK_ROWS, CHUNK_BYTES // sum(column.row_bytes for column in columns)))
 
 
@@ -94,7 +94,7 @@ def view_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def to_batch(columns: tuple[ViewColumn, ...], values: dict[str, np.ndarray]) -> pa.Table:
-    """Return the Parquet form of some rows; each column is an array (rows, *shape) of its type."""
+    """Return some rows in Parquet form; each column is an array (rows, *shape) of its type."""
     parts: list[pa.Array] = []
     schema = view_schema(columns)
     for column, field in zip(columns, schema, strict=True):

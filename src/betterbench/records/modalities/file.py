@@ -1,6 +1,6 @@
 """Modality files, written in row groups and read row by row.
 
-The footer of a file contains the header, a checksum of the footer, and the SHA-256 of each row group. All checksums are
+A file's footer contains the header, a checksum of the footer, and the SHA-256 of each row group. All checksums are
 verified before the Parquet reader, which is native code, reads the bytes.
 """
 
@@ -36,7 +36,7 @@ from betterbench.records.modalities.header import HEADER, ViewHeader
 from betterbench.records.parquet import NO_DIGEST, SEAL_KEY, seal
 
 HEADER_KEY = b"betterbench.modalities"
-"""Key of the header's JSON in the metadata of the Parquet schema."""
+"""Key for the header's JSON in the Parquet schema metadata."""
 
 GROUPS_KEY = b"betterbench.groups"
 """Key of a JSON list with the end of each row group [byte] and the SHA-256 of its bytes."""
@@ -54,7 +54,7 @@ _MAX_ROWS = 10_000_000
 _MAX_FOOTER_BYTES = 1 << 26
 _MAGIC = b"PAR1"
 _TAIL = 8
-"""Size of the end of a Parquet file [bytes]: the length of the footer, and the magic number."""
+"""Size of the end of a Parquet file [bytes]: footer length and magic number."""
 
 
 class _Sink(io.RawIOBase):
@@ -199,7 +199,7 @@ class ModalityFile:
     def read(self, row: int, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
         """Return the values of one row by column, for all or some columns; arrays are read-only.
 
-        The row group is read as a whole and cached for neighboring rows.
+        The row group is read completely and cached for neighboring rows.
 
         Raises:
             IndexError: If the row does not exist.
@@ -215,12 +215,12 @@ class ModalityFile:
         return {name: values[place] for name, values in self._last[2].items()}
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the values of every row; raise the errors of :meth:`read`."""
+        """Yield the values of every row; raises the same errors as :meth:`read`."""
         for row in range(len(self)):
             yield self.read(row, columns)
 
     def check(self) -> int:
-        """Read the whole file, which verifies all checksums, and return the number of rows."""
+        """Read the complete file, which verifies all checksums, and return the number of rows."""
         for group in range(self._file.metadata.num_row_groups):
             self._group(group, tuple(c.name for c in self.columns))
         return len(self)

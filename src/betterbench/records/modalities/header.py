@@ -24,7 +24,7 @@ _Count = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class BoxedObject:
-    """An object of the scene. Boxes list the objects in the order of the record's ``scene.objects``.
+    """An object of the scene. Boxes list the objects in the same order as the record's ``scene.objects``.
 
     Attributes:
         instance: Instance id in the column ``instances``.
@@ -45,13 +45,13 @@ class ViewHeader:
     """Header of a modality file: the trial, the view, the modalities, and the meaning of its instance ids.
 
     Attributes:
-        record_sha256: SHA-256 of the file of the record.
+        record_sha256: SHA-256 of the record file.
         quality: Render preset of the colors.
-        modalities: Modalities of the file, in the order of its columns.
-        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the center of the image: K
-            = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
+        modalities: Modalities in the file, in column order.
+        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the image center: K = [[f,
+            0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
         stage: Instance ids of the robot and the stage.
-        renderer: Fingerprint of OpenGL and the simulator, on which pixels depend.
+        renderer: OpenGL and simulator fingerprint, on which pixels depend.
     """
 
     task: str
@@ -87,7 +87,7 @@ HEADER = TypeAdapter(ViewHeader)
 
 
 def stage_ids() -> dict[str, int]:
-    """Return the instance id of each part of the stage and the robot."""
+    """Return the instance id of each stage and robot part."""
     return {name: 1 + i for i, name in enumerate(STAGE)}
 
 

@@ -13,10 +13,10 @@ NOTHING = 0
 """Instance and semantic id of pixels without a body: the sky."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""Parts of a scene that are not objects, in the order of their instance ids from 1; "other" is everything else."""
+"""Parts of a scene that are not objects, in order of their instance ids from 1; "other" is everything else."""
 
 FIRST_OBJECT = 10
-"""Instance id of the first object of a scene; the others follow in the order of ``scene.objects``."""
+"""Instance id of a scene's first object; the others follow in the order of ``scene.objects``."""
 
 FIRST_OWN = 1024
 """First semantic id of user-defined categories, whose ids are computed from their names."""
@@ -30,11 +30,11 @@ def _known() -> dict[str, int]:
 
 
 SEMANTIC_IDS: dict[str, int] = _known()
-"""Semantic id by category, of the stage and of all assets that come with betterbench (``semantics.json``)."""
+"""Semantic ids by category, for the stage and all assets that come with betterbench (``semantics.json``)."""
 
 
 def semantic_id(category: str) -> int:
-    """Return the semantic id of a category: 1 to 1023 from the list, or computed from the name of a user-defined one.
+    """Return a category's semantic id: 1 to 1023 from the list, or computed from a user-defined category's name.
 
     A computed id is 1024 plus the first four bytes of the name's SHA-256, as a big-endian number, modulo 64512.
     """
@@ -46,7 +46,7 @@ def semantic_id(category: str) -> int:
 
 
 def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
-    """Return the semantic ids of the list and of further categories, in the order of the ids.
+    """Return the semantic ids of the listed categories and of further categories, in id order.
 
     Raises:
         InvalidInputError: If two categories have the same id, which has odds of 1 in 64512 for two user-defined ones.

@@ -1,4 +1,4 @@
-"""Views of a scene to materialize, and the modalities of each."""
+"""Views of a scene to materialize, and the modalities for each."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class PlacedCamera:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewSpec:
-    """A view: the name of a camera of the scene, or a user-defined camera, and the size of its images [pixel]."""
+    """A view: the name of a scene camera, or a user-defined camera, and the image size [pixel]."""
 
     camera: str
     width: _Side = 256
@@ -90,7 +90,7 @@ class ViewSpec:
     def parse(cls, text: str) -> ViewSpec:
         """Return the view for a command-line text.
 
-        The text is the name of a camera with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
+        The text is a camera's name with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a
         user-defined camera: name, position, target and vertical field of view in degrees
         ("top=0.45,0,1.4/0.45,0,0/45:256x256").
 
@@ -117,7 +117,7 @@ def _vector(text: str) -> Vector:
 
 
 def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
-    """Return modalities by name, in the order of their columns; all if none is named.
+    """Return modalities by name, in column order; all if none is named.
 
     Raises:
         InvalidInputError: If a name is unknown.

@@ -1,1 +1,1 @@
-"""Figures of a report: charts, films, images of films and the player of a trial."""
+"""Report figures: charts, films, film images and the trial player."""

@@ -16,13 +16,13 @@ from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks.labels import Kind
 
 MODES_SHOWN = 6
-"""Number of failure modes that the chart shows per policy; the CSV file of the trials has all of them."""
+"""Number of failure modes that the chart shows per policy; the CSV file of trials has all of them."""
 
 HOLM_NOTE = (
     " An interval may exclude zero although p is large: the interval is for this row only, while p is exact for few "
     "pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
 )
-"""Note of the chart of gaps for rows where an interval and its p-value seem to contradict each other."""
+"""Note below the gap chart for rows in which an interval and its p-value seem to contradict each other."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
 TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."
@@ -161,7 +161,7 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 
 def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    """Return the success rate of the training twins of a scope, one per pair: the first side of the illusion gap."""
+    """Return the success rate of a scope's training twins, one per pair: the first side of the illusion gap."""
     return Figure.of(diagnosis.metric("twin_success_rate", scope), noun="pairs")
 
 

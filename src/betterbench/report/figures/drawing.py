@@ -13,14 +13,14 @@ from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
 
 GRID = 0.25
-"""Spacing of the grid lines of a chart, as a fraction."""
+"""Spacing of a chart's grid lines, as a fraction."""
 
 WIDE_PX = 660
 NARROW_PX = 340
 """Widths of the two drawings [px]; the narrow one fits a phone of 390 px with its margins."""
 
 _CHARACTER_PX = 6.3
-"""Width of a character of a 12 px sans serif [px], rounded up so that fitted texts never overflow."""
+"""Width of a character in a 12 px sans serif font [px], rounded up so that fitted texts never overflow."""
 
 _LEAST_NAME_PX, _MOST_NAME_PX, _LEAST_BAR_PX = 80.0, 210.0, 150.0
 """Limits of the width for names, and the minimum length of the scale, in a wide drawing [px]."""
@@ -81,7 +81,7 @@ class BarGroup:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One row of a stacked chart: the number of trials, out of ``n``, that ended in each family."""
+    """One row of a stacked chart: how many of ``n`` trials ended in each family."""
 
     name: str
     counts: tuple[tuple[str, int], ...]

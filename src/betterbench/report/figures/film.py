@@ -1,4 +1,4 @@
-"""Films: a few frames of a trial and of its training twin, rendered elsewhere and shown next to the evidence."""
+"""Films: a few frames of a trial and its training twin, rendered elsewhere and shown next to the evidence."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ LEAD_S = 1.0
 takes one to two seconds, a grasp a fifth of a second."""
 
 ACTS = ("attempt", "evidence", "same step")
-"""Captions of the main frame of a film; "same step" is for a twin's frame that is not a grasp."""
+"""Captions of a film's main frame; "same step" is for a twin's frame that is not a grasp."""
 
 _SIGNATURES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
 _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2, Kind.UNFINISHED: 4}
 
 
 def film_key(policy: str, trial: str) -> str:
-    """Return the name of the film of a trial ("fast_food/T1/3") among the films of several policies."""
+    """Return the name of a trial's film ("fast_food/T1/3") among the films of several policies."""
     return f"{policy} {trial}"
 
 
@@ -50,7 +50,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The frames of a trial ("fast_food/T1/3") and of its counterfactual twin.
+    """The frames of a trial ("fast_food/T1/3") and its counterfactual twin.
 
     ``evidence_s`` is the beginning and end of the evidence [s]; frames inside this span are marked. ``clip`` is a film
     of both episodes side by side (H.264 in MP4); browsers that cannot play it show the frames.
@@ -74,7 +74,7 @@ class Film:
 class Showing:
     """A trial to show as a film, with the times to render [s], strictly increasing, and their captions.
 
-    ``twin`` is None if the run has no record of the twin; ``evidence_s`` is the span of the evidence [s].
+    ``twin`` is None if the run has no record of the twin; ``evidence_s`` is the time span of the evidence [s].
     """
 
     policy: str
@@ -133,7 +133,7 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the times to show: of the trial around its evidence, and of its twin around the same step."""
+    """Return the times to show: for the trial around its evidence, and for its twin around the same step."""
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
     moments = _moments(start, end, trial.duration_s, "attempt" if grasps else "evidence")
@@ -154,7 +154,7 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 
 
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
-    """Return the span of a twin that corresponds to the evidence of a trial, its duration, and the caption.
+    """Return the span in a twin that corresponds to a trial's evidence, its duration, and the caption.
 
     The span is the twin's grasp of the object that the trial should have attempted. Without such a grasp, it is the
     grasp with the same number, counted in attempted objects.

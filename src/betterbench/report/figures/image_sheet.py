@@ -1,4 +1,4 @@
-"""Sheets of labeled images for documents, such as pairs of scenes by task or variants of assets by category."""
+"""Sheets of labeled images for documents, such as scene pairs by task or asset variants by category."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 PAPER, INK, SOFT = "#fafaf8", "#1c1c1e", "#6e6e74"
-"""Colors of the background, of titles and of subtitles."""
+"""Colors for background, titles and subtitles."""
 
 _DPI = 100
 _GAP_PX, _PAD_PX, _LINE_PX = 4, 10, 19
@@ -26,7 +26,7 @@ class SheetCell:
 
 
 def image_sheet(rows: Sequence[Sequence[SheetCell]]) -> np.ndarray:
-    """Return a sheet of rows of cells as (height, width, 3) uint8 pixels; images are not resized.
+    """Return a sheet of cell rows as (height, width, 3) uint8 pixels; images are not resized.
 
     All cells have the same number of images of the same width. A row is as tall as its tallest image. A text that is
     wider than its cell is cut after a word.

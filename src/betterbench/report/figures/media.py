@@ -11,7 +11,7 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """The scenes of a variation and of its training twin at reset (JPEG); None if the run has no such scene."""
+    """The scenes of a variation and its training twin at reset (JPEG); None if the run has no such scene."""
 
     test: bytes
     training: bytes | None = None
@@ -23,9 +23,9 @@ class Media:
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.
-        paths: Start images with the path of the end effector (JPEG), by the same keys.
+        paths: Start images with the end effector's path (JPEG), by the same keys.
         thumbnails: Scenes by variation ("fast_food/T1").
-        folders: Folder of the run by policy, as given by the caller, for commands.
+        folders: Run folder by policy, as given by the caller, for commands.
         options: Further options of these commands (" --task-file mine.py").
     """
 
@@ -41,7 +41,7 @@ class Media:
         return f"{start}{record} --twin{self.options}" if start and record is not None else ""
 
     def replay_start(self, policy: str) -> str:
-        """Return the beginning of commands that replay trials of a policy; empty if its folder is unknown."""
+        """Return the beginning of commands that replay a policy's trials; empty if its folder is unknown."""
         folder = self.folders.get(policy)
         return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"
 

@@ -25,8 +25,8 @@ _MARKS = (b'<main class="player">', b'<script type="application/json" id="data">
 class PlayedView:
     """View of a camera: per frame an image (JPEG), a mask (PNG, transparent outside objects) and boxes.
 
-    A box consists of the number of its object in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge
-    [pixel], and the visible fraction of the object.
+    A box consists of the object's number in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge [pixel],
+    and the object's visible fraction.
     """
 
     name: str
@@ -51,8 +51,8 @@ class PlayedTrial:
     """Content of the player for one trial.
 
     Attributes:
-        heading: Name of the trial ("fast_food/T1/3").
-        ended: Outcome of the trial, as a phrase.
+        heading: Trial name ("fast_food/T1/3").
+        ended: Trial outcome, as a phrase.
         times_s: Time of each frame [s].
         objects: Names of the objects, with their colors as (red, green, blue).
     """

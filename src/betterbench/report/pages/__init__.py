@@ -1,1 +1,1 @@
-"""Pages: the report of runs, and those of calibrations, certificates, power and preflight checks."""
+"""Pages: reports on runs, and pages for calibrations, certificates, power and preflight checks."""

@@ -1,4 +1,4 @@
-"""Page of a calibration: the confusion matrix as image and table, every mistake, and the results of blind policies."""
+"""Calibration page: the confusion matrix as image and table, every mistake, and the results of blind policies."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
 
 
 def calibration_markdown(calibration: Calibration, family: str = "faulty") -> str:
-    """Return the tables of a calibration as Markdown; the family of the policies decides the rows."""
+    """Return a calibration's tables as Markdown; the policy family decides the rows."""
     lines = [
         calibration_summary(calibration),
         "",

@@ -23,7 +23,7 @@ class StringTable:
         self._numbers: dict[str, int] = {}
 
     def __getitem__(self, text: str | None) -> int:
-        """Return the number of a text, assigning a new one if necessary."""
+        """Return a text's number, assigning a new one if necessary."""
         if text is None:
             return -1
         text = printable(text, most=LONGEST_TEXT)
@@ -34,7 +34,7 @@ class StringTable:
 
 
 def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], media: Media = NO_MEDIA) -> dict[str, Any]:
-    """Return the data of the trial list; ``films`` maps keys to film numbers. page.js names the columns of a trial."""
+    """Return the data for the trial list; ``films`` maps keys to film numbers. page.js names the columns of a trial."""
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
     kinds = families_of(t for d in diagnoses for t in d.trials)
@@ -51,7 +51,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
 
 
 def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mapping[str, int]) -> list[Any]:
-    """Return the columns of a trial in the order of page.js."""
+    """Return a trial's columns in the order used by page.js."""
     evidence = trial.evidence
     attempts = [
         [_s(a.start_s), _s(a.end_s), strings[a.object], strings[a.slot], strings[a.result], int(a.secured)]

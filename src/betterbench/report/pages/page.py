@@ -41,7 +41,7 @@ STRIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """One line of a table of settings: a value per policy, or a single value if all policies agree."""
+    """One line in a settings table: a value per policy, or a single value if all policies agree."""
 
     name: str
     values: tuple[str, ...]
@@ -114,12 +114,12 @@ def write_report(
     knowledge: Sequence[Knowledge] = (),
     assets: Sequence[str] = (),
 ) -> Path:
-    """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
+    """Write the report on one policy, or on several side by side, and return the path to ``index.html``.
 
     The page needs no network and no other file. The same tables are written next to it as ``tables/NAME.csv`` and
     optionally ``tables/NAME.tex``, and the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
     ``films`` defaults to the films of ``media``. ``machine`` and ``trust`` are texts by name ("processor",
-    "Calibration"). ``knowledge`` contains answers of models to questions on the same trials, ``assets`` the sources and
+    "Calibration"). ``knowledge`` contains models' answers to questions on the same trials, ``assets`` the sources and
     licenses of the objects.
 
     Raises:
@@ -343,7 +343,7 @@ def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
 
 
 def _title(policies: Sequence[str]) -> str:
-    """Return the title of the page."""
+    """Return the page title."""
     if len(policies) == 1:
         return f"Diagnosis of {policies[0]}"
     return f"Diagnosis of {len(policies)} policies"

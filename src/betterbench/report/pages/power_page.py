@@ -1,4 +1,4 @@
-"""Page of the power matrix: success rates of each pretender, and variations that can be solved blind."""
+"""Power matrix page: each pretender's success rates, and variations that can be solved blind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preflight sheet: one PNG with the inputs of a policy and the effect of its first answer."""
+"""Preflight sheet: one PNG with a policy's inputs and the effect of its first answer."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _DPI = 100
 _LETTERS = TextToPath()
 
 CLEAR_PX = 70.0
-"""Minimum length of the arrow of the first action [px], unless it needs more than the largest factor."""
+"""Minimum length of the first action's arrow [px], unless it needs more than the largest factor."""
 FACTORS = (1, 2, 5, 10, 20, 50)
 
 

@@ -1,4 +1,4 @@
-"""Section on pretenders: the scores of each policy next to those of policies without the tested abilities."""
+"""Section on pretenders: each policy's scores next to the scores of policies that lack the tested abilities."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from betterbench.report.pages.calibration_page import rate_text
 from betterbench.tasks import Axis
 
 SCOPES = ("overall", *(f"axis:{axis.value}" for axis in Axis))
-"""Columns of a table of reference lines."""
+"""Columns in a table of reference lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreRow:
-    """One row of a table of reference lines.
+    """One row in a table of reference lines.
 
     Attributes:
         name: A policy or a pretender.
@@ -50,7 +50,7 @@ class ScoreTable:
 
 @dataclass(frozen=True, slots=True)
 class MarginRow:
-    """Row of the table of margins: success rate on one variation, shortcut ceiling and difference, in words."""
+    """Row in the margin table: success rate on one variation, shortcut ceiling and difference, in words."""
 
     variation: str
     rate: str
@@ -94,12 +94,12 @@ def _score_table(views: Sequence[PretenderView]) -> ScoreTable:
 
 
 def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:
-    """Return the scopes in which any policy has trials, in the order of the suite."""
+    """Return the scopes in which any policy has trials, in suite order."""
     return tuple(scope for scope in SCOPES if any(scope in s.scores for s in standings))
 
 
 def scope_title(scope: str) -> str:
-    """Return the heading of a column."""
+    """Return a column's heading."""
     return "overall" if scope == "overall" else AXIS_NAMES.get(scope.removeprefix("axis:"), scope)
 
 

@@ -1,1 +1,1 @@
-"""Tables of a report as HTML, CSV and LaTeX, and the tables of the paper in the same forms."""
+"""Report tables as HTML, CSV and LaTeX, and the paper's tables in the same forms."""

@@ -1,4 +1,4 @@
-"""Cell of a condition in the diagnostic matrices, derived from the initial states of its objects."""
+"""Cell of a condition in the diagnostic matrices, derived from the objects' initial states."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 
 class State(StrEnum):
-    """State of an object at the start of a trial."""
+    """Object state at the start of a trial."""
 
     TABLE = "on the table"
     TARGET = "at the target"

@@ -12,7 +12,7 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 
 _LONG_TABLE = 40
-"""Number of rows from which a table becomes a longtable, which breaks over pages."""
+"""Number of rows at which a table becomes a longtable, which can break across pages."""
 
 
 def table_to_latex(table: Table) -> str:
@@ -110,7 +110,7 @@ def _numeric(table: Table, column: int) -> bool:
 
 
 def _cell(value: Scalar) -> str:
-    """Return the text of a cell; fractions are rounded to four decimals."""
+    """Return a cell's text; fractions are rounded to four decimals."""
     if value is None:
         return "--"
     if isinstance(value, bool):

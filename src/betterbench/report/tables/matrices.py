@@ -65,13 +65,13 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a matrix: the state of the first target, and of the distractor or second target.
+    """One matrix cell: the state of the first target, and of the distractor or second target.
 
     Attributes:
         sources: The conditions of the cell in the run.
         success: Success rate over all their trials; without trials if there are none.
         labels: Labels of the trials with their counts, the most frequent first.
-        needless: Number of the successes that took a needless step, such as an air grasp at an emptied slot.
+        needless: Number of successes that took a needless step, such as an air grasp at an emptied slot.
         note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
     """
@@ -93,7 +93,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """One of the paper's diagnostic matrices, filled with the results of a run.
+    """One of the paper's diagnostic matrices, filled with a run's results.
 
     Attributes:
         caption: Meaning of rows and columns.
@@ -178,14 +178,14 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 
 
 def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
-    """Return the outcomes of the trials of one condition."""
+    """Return one condition's trial outcomes."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
-    """Return labels by frequency, ties in the order of the labels."""
+    """Return labels by frequency, ties in label order."""
     order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 

@@ -1,4 +1,4 @@
-"""The paper's two tables in its layout: rows of runs with counts and intervals, and rows of the paper for reference."""
+"""The paper's two tables in its layout: rows for runs with counts and intervals, and the paper's rows for reference."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class PaperGroup:
 
 @dataclass(frozen=True, slots=True)
 class PaperColumn:
-    """A column: the name of its condition in CSV files ("L1"), and its title."""
+    """A column: its condition's name in CSV files ("L1"), and its title."""
 
     name: str
     title: str
@@ -36,7 +36,7 @@ class PaperColumn:
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """A row: the name of its policy, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
+    """A row: its policy's name, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
 
     name: str
     source: str
@@ -93,7 +93,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR."""
+    """Return the success rates for seen and novel compositions in the fast-food task and their difference ΔSR."""
     names = ("train1", "train2", "R1")
     rows = []
     for diagnosis in diagnoses:

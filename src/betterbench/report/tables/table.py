@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from betterbench.quoting import csv_text
 
 Scalar = str | int | float | bool | None
-"""Value of a cell of a plain table; None is an empty cell."""
+"""Value of a cell in a plain table; None is an empty cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ def to_csv(table: Table) -> str:
 
 
 def _cell(value: Scalar) -> str:
-    """Return the text of a cell."""
+    """Return a cell's text."""
     if value is None:
         return ""
     if isinstance(value, bool):

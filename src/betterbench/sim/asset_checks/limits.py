@@ -4,6 +4,8 @@
 changing a limit, measure the error rates again (docs/asset-certificate.md).
 """
 
+from betterbench.sim.assets.importing.kinds import kinds
+
 # ---------------------------------------------------------------------------------------------------------------- size
 SIZE_FACTOR = 1.05
 """Allowed excess over the usual sizes of a kind: the table of kinds is rounded to whole centimeters."""
@@ -23,10 +25,6 @@ OPEN_AREA_SHARE = 0.25
 ROUND_RATIO, LYING_RATIO = 1.06, 1.12
 """Largest ratio of the widths across an axis for an object that is round about this axis, and by how much the ratio
 about the vertical is larger if the object lies on its side. A square has 1.41."""
-TALL_SHARE = 0.95
-"""Least height of a standing object of a tall kind as a share of its longest side."""
-FLAT_SHARE = 1.10
-"""Largest height of a lying object of a flat kind as a multiple of its smaller horizontal side."""
 FOOTING_RATIO = 1.6
 """Ratio of top to foot width above which an object of a standing kind is upside down."""
 
@@ -113,9 +111,7 @@ LEAST_ALPHA = 0.05
 """Least opacity of a visible part."""
 
 # --------------------------------------------------------------------------------------------------- uses of the kinds
-TALL_KINDS = frozenset({"bottle", "wine glass", "glass", "vase", "pitcher", "candle", "pepper mill", "bucket"})
-"""Kinds that stand with their longest side up."""
-ROUND_KINDS = TALL_KINDS | {
+ROUND_KINDS = frozenset(kind.name for kind in kinds() if kind.is_tall) | {
     "mug",
     "cup",
     "bowl",
@@ -129,11 +125,6 @@ ROUND_KINDS = TALL_KINDS | {
     "mortar",
 }
 """Kinds that are often round about the vertical, never about a horizontal axis."""
-FLAT_KINDS = frozenset(
-    {"plate", "tray", "pizza", "pizza box", "cutting board", "keyboard", "notebook", "fork", "spoon", "knife",
-     "cooking fork", "cooking spoon", "cooking knife", "pan", "scissors", "phone"}
-)  # fmt: skip
-"""Kinds that lie on their broadest side."""
 FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 """Kinds that stand on their broader end."""
 ALWAYS_LIFTED_KINDS = frozenset(
@@ -145,5 +136,7 @@ ALWAYS_LIFTED_KINDS = frozenset(
     }
 )  # fmt: skip
 """Kinds that fit the jaw in every usual size."""
-CLOSED_WORDS = frozenset({"lid", "lidded", "cereal", "egg", "soft drink", "soup", "broth", "stew", "filled"})
+CLOSED_WORDS = frozenset(
+    {"lid", "lidded", "cereal", "egg", "soft drink", "soup", "broth", "stew", "filled", "cocktail"}
+)
 """Tags and names of objects of open kinds that are full or covered."""

@@ -25,8 +25,8 @@ class Texture:
     Attributes:
         pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
         uv: (n_vertices, 2) float32 texture coordinates, origin at the lower left.
-        corners: (n_faces, 3) int32 row of ``uv`` for each corner of each face, or None if the rows of ``uv`` are those
-            of the vertices.
+        corners: (n_faces, 3) int32 row of ``uv`` for each corner of each face, or None if the row numbers are the
+            vertex numbers.
     """
 
     pixels: np.ndarray
@@ -63,7 +63,7 @@ class CollisionPart:
 
     Attributes:
         shape: Primitive type, or "hull" for the convex hull of ``vertices``.
-        size: MuJoCo's half sizes of the primitive [m]: box (x, y, z); cylinder and capsule (radius, half length, 0);
+        size: The primitive's MuJoCo half sizes [m]: box (x, y, z); cylinder and capsule (radius, half length, 0);
             sphere (radius, 0, 0); ellipsoid (a, b, c); ignored for a hull.
         position: Center in the object frame [m].
         quaternion: Rotation in the object frame (w, x, y, z).
@@ -85,8 +85,8 @@ class Grasp:
 
     Attributes:
         name: Grasped part ("handle", "body", "rim").
-        pose: Pose ``T_object_tcp`` of the tool center point when the jaw closes; its z axis is the approach direction,
-            its y axis the direction in which the fingers open.
+        pose: Pose ``T_object_tcp`` of the tool center point when the gripper closes; its z axis is the approach
+            direction, its y axis the finger opening direction.
         width_m: Thickness of the object between the pads [m].
         clearance_m: Free distance for the open jaw on each side [m].
         symmetric_yaw: Whether the grasp may be rotated freely about the object's vertical axis.
@@ -103,17 +103,17 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asset:
-    """A 3-D object ready for simulation. The origin is the center of the bottom face of its resting bounding box, z up.
+    """A 3-D object ready for simulation. The origin is the center of the bottom face of the bounding box at rest, z up.
 
     Attributes:
-        category: Kind of object ("mug").
+        category: Object kind ("mug").
         look: Number of the look within the generator's family.
         color: Usual color word.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text, used for retrieval.
         size_m: Extents of the bounding box [m].
         center_of_mass: In the object frame [m].
-        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        inertia: About the center of mass, in object frame axes (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all, 1,200 for imported thin walls.
         collision: Convex geometries; at most about 12.
         regions: Named regions of the object (opening, ring, handle, top).
@@ -147,7 +147,7 @@ class Asset:
 
     @property
     def face_count(self) -> int:
-        """Number of triangles of all visual parts."""
+        """Number of triangles in all visual parts."""
         return sum(len(part.faces) for part in self.visual)
 
     def grasp(self, name: str) -> Grasp:

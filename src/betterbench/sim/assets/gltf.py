@@ -1,4 +1,4 @@
-"""Checks of the header and the JSON description of a glTF file (glTF 2.0, sections 3 and 4.4) before it is read."""
+"""Checks on the header and JSON description of a glTF file (glTF 2.0, sections 3 and 4.4) before it is read."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any
 
     Args:
         file: The file.
-        where: Name of the file, for messages.
+        where: File name, for messages.
         binary: Whether the file is GLB.
 
     Raises:

@@ -25,7 +25,7 @@ _SPOKEN = (
 _CONDITIONS = ("by", "nc", "sa", "nd")
 _FREE = re.compile(r"(apache|mit|bsd|isc|zlib|odc by|public domain|unlicense)\b.*")
 LONGEST_LICENSE = 80
-"""Maximum length of the name of a license."""
+"""Maximum length of a license name."""
 
 
 def _plain(text: str) -> str:
@@ -67,7 +67,7 @@ def require_license(where: str, name: str, *, any_license: bool, option: str) ->
 
     Args:
         where: The asset, for the message.
-        name: Name of the license; empty or "unknown" if it is not known.
+        name: License name; empty or "unknown" if it is not known.
         any_license: Whether restricted and unknown licenses are allowed.
         option: How the user states the license and allows any, for the message.
     """

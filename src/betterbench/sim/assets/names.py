@@ -32,7 +32,7 @@ def words_of(text: str) -> tuple[str, ...]:
 def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
     """Return the folder and the stem that name the object of a file; the stem is empty if only the folder names it.
 
-    The folder ``root`` and those above it never name an object.
+    The folder ``root`` and the folders above it never name an object.
     """
     if file.stem.lower() not in _WITHOUT_A_NAME:
         return file.parent, file.stem
@@ -43,7 +43,7 @@ def named_by(file: Path, root: Path) -> tuple[Path, str | None]:
 
 
 def file_words(file: Path, root: Path) -> tuple[str, ...]:
-    """Return the words that name the object of a file: those of "025_mug/google_16k/textured.obj" are ("mug",)."""
+    """Return the words that name the object in a file: the words for "025_mug/google_16k/textured.obj" are ("mug",)."""
     place, stem = named_by(file, root)
     return words_of(stem if stem is not None else place.name) or (file.stem.lower(),)
 

@@ -22,7 +22,7 @@ def parse_xml(text: bytes, where: str) -> ET.Element:
 
     Args:
         text: The document.
-        where: Name of the file, for messages.
+        where: File name, for messages.
 
     Raises:
         InvalidInputError: If it is not XML, declares a document type or entities, or exceeds a limit.

@@ -1,8 +1,8 @@
 """Rendering setup of the processes on this machine: OpenGL back end, devices and environment variables.
 
 ``back_ends`` chooses the back end, ``devices`` finds the EGL devices and distributes processes over them, ``probe`` is
-the program that examines each device, and ``checks`` reports problems of the environment. This package imports no
-simulator, so the process of another simulator and our own workers get the same answer.
+the program that examines each device, and ``checks`` reports problems in the environment. This package imports no
+simulator, so another simulator's process and our own workers get the same answer.
 """
 
 from betterbench.sim.graphics.back_ends import INSTALL_HINT, gl_backend

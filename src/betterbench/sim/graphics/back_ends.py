@@ -46,7 +46,7 @@ def asked_back_end() -> str:
 def has_library(backend: str) -> bool:
     """Return whether the libraries of a back end can be loaded."""
     if backend == "egl":
-        # PyOpenGL loads the functions of OpenGL from one of these, besides EGL's own library.
+        # PyOpenGL loads the OpenGL functions from one of these, in addition to EGL's own library.
         return _loads("libEGL.so.1") and any(
             _loads(name) for name in ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2")
         )

@@ -50,7 +50,7 @@ def require_drawing() -> str:
 
     Raises:
         GraphicsError: If a variable has an invalid value.
-        MissingDependencyError: If there is no back end.
+        MissingDependencyError: If no back end is available.
     """
     require_engine()
     backend = gl_backend()
@@ -97,7 +97,10 @@ def _require_platform(backend: str) -> None:
 
 
 def _working() -> str:
-    """Return the back ends that can be loaded here, for advice; those that could be installed if there is none."""
+    """Return the back ends that can be loaded here, to show in advice.
+
+    If there is none, return the back ends that could be installed.
+    """
     found = [name for name in PLATFORMS if has_library(name)]
     return " or ".join(found or PLATFORMS)
 

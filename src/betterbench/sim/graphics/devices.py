@@ -1,8 +1,8 @@
-"""EGL devices of this machine, and distribution of processes over the devices.
+"""EGL devices on this machine, and distribution of processes over the devices.
 
-Processes are distributed over devices that render alike: those with the same OpenGL vendor, renderer and version as the
-first working one, so that no image depends on the process that rendered it. A process passes the list on to its child
-processes, in an order that begins with the device of each.
+Processes are distributed over devices that render identically: those with the same OpenGL vendor, renderer and version
+as the first working device, so that no image depends on the process that rendered it. A process passes the list on to
+its child processes, in an order that begins with the device of each.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
     """Return the working devices in EGL's order; on a machine with one device, its renderer is not examined."""
     if device_count() <= 1:
         return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
-    # Without the CUDA environment variables, CUDA's numbers are those of the driver.
+    # Without the CUDA environment variables, CUDA's device numbers are the driver's.
     hidden = ("CUDA_VISIBLE_DEVICES", DEVICE_VARIABLE)
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
     try:
@@ -141,7 +141,7 @@ def take_device(turn: int) -> None:
 
 
 def device_variables(turn: int) -> dict[str, str]:
-    """Return the variables that assign a device to a process, by its index among those started here."""
+    """Return the variables that assign a device to a process, by its index among the processes started here."""
     devices = drawing_devices()
     if not devices:
         return {}
@@ -168,7 +168,7 @@ def device_problem(chosen: str, count: int) -> GraphicsError | None:
 
 
 def _is_card(device: EglDevice, name: str) -> bool:
-    """Return whether an entry of ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
+    """Return whether an entry in ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
     if name.isdecimal():
         return device.cuda == int(name)
     start = name.lower().removeprefix("gpu-")

@@ -41,7 +41,7 @@ class _Egl:
 
 
 def devices() -> list[int]:
-    """Return the handles of the EGL devices, in the order of their numbers; empty without EGL."""
+    """Return the handles of the EGL devices, in number order; empty without EGL."""
     try:
         query = _Egl()("eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):

@@ -25,7 +25,7 @@ class FileProblem:
 
     Attributes:
         path: The file, or its expected path.
-        text: Description of the problem, as the rest of a sentence about the file.
+        text: Description of the problem, worded as the rest of a sentence about the file.
         kind: "missing", "damaged", "other" (it does not belong at its place), or "extra" (no file belongs there).
     """
 
@@ -36,13 +36,13 @@ class FileProblem:
 
 @dataclass(slots=True)
 class FolderCheck:
-    """Result of the check of a modality folder.
+    """Result of checking a modality folder.
 
     Attributes:
-        wanted: Settings of the folder.
+        wanted: Folder settings.
         files: Number of files that were checked.
-        rows: Number of rows of the intact ones.
-        of_run: Number of files from records of the run, whatever other faults they have.
+        rows: Number of rows in the intact files.
+        of_run: Number of files made from the run's records, whatever other faults they have.
         strangers: Trials of the other readable files, each with its policy.
     """
 
@@ -55,7 +55,7 @@ class FolderCheck:
 
     @property
     def is_of_another_run(self) -> bool:
-        """Whether files can be read, but none of them is from a record of the run."""
+        """Whether files can be read, but none of them was made from a record of the run."""
         return bool(self.strangers) and not self.of_run
 
 
@@ -66,9 +66,9 @@ def check_folder(
     trials: Sequence[TrialId] = (),
     on_progress: OnCount | None = None,
 ) -> FolderCheck:
-    """Read all files of a folder of modalities, and compare them with the records of its run; nothing is written.
+    """Read all files in a modality folder, and compare them with the run's records; nothing is written.
 
-    One file is expected for each view in the settings of the folder and each recorded trial, of all or of ``trials``.
+    One file is expected for each view in the folder's settings and each recorded trial, of all or of ``trials``.
     Each header must match, and the checksums must be right. With ``trials``, files of other trials are ignored.
     ``on_progress`` gets the numbers of checked and known files.
 
@@ -96,7 +96,7 @@ def check_folder(
 
 
 def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
-    """Yield the expected file of each view of a recorded trial."""
+    """Yield the expected file for each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
         with contextlib.suppress(RecordError):  # its files can be intact even if the record is not

@@ -19,7 +19,7 @@ class ExpectedFile:
     """Required values in the header of a modality file, for one view of one trial.
 
     Attributes:
-        record_sha256: SHA-256 of the file of the trial's record.
+        record_sha256: SHA-256 of the trial's record file.
         quality: Render preset of the colors, or None if unknown.
         renderer: Fingerprint of the OpenGL that rendered the folder, or None before the first image.
     """
@@ -32,7 +32,7 @@ class ExpectedFile:
     renderer: Mapping[str, str] | None
 
     def difference(self, header: ViewHeader) -> str | None:
-        """Return the first difference of a header, as the rest of a sentence about its file, or None."""
+        """Return the first difference in a header, worded as the rest of a sentence about its file, or None."""
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)
         if (header.task, header.condition, header.seed) != (self.trial.task, self.trial.condition, self.trial.seed):

@@ -10,12 +10,12 @@ from betterbench.sim.modalities.poses import matrices
 def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: float) -> np.ndarray:
     """Return (height, width, 2) float16: motion of the point at each pixel to the right and down [pixel].
 
-    The point is located by the depth, moves with the body of its pixel, and is projected into the camera of the next
-    state, whether or not it is occluded there. The sky is infinitely far away. NaN in the last state, where
+    The point is located by the depth, moves with the body shown in its pixel, and is projected into the camera in the
+    next state, whether or not it is occluded there. The sky is infinitely far away. NaN in the last state, where
     ``following`` is None, and if the point moves behind the camera.
 
     Args:
-        sight: Sight of one state, of :func:`betterbench.sim.scenes.sights.sight_type` with depth and bodies.
+        sight: Sight of one state, from :func:`betterbench.sim.scenes.sights.sight_type` with depth and bodies.
         following: Sight of the next state in the same view.
         focal_px: Focal length of the view [pixel].
     """
@@ -41,7 +41,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
 
 def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | None:
-    """Return the (3, 4) motion of a body from the camera frame of one state to the next; None without a body."""
+    """Return the (3, 4) motion of a body from one state's camera frame to the next; None without a body."""
     here, there = matrices(np.stack([sight["camera"], following["camera"]]))
     step = np.linalg.inv(there)
     if body < 0:
@@ -57,7 +57,7 @@ def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | N
 def _moves(
     pixels: np.ndarray, depths: np.ndarray, step: np.ndarray, *, size: tuple[int, int], focal_px: float
 ) -> np.ndarray:
-    """Return the (n, 2) motion of some pixels, by their index in the image, under a motion of their bodies."""
+    """Return the (n, 2) motion of some pixels, by their index in the image, caused by the motion of their bodies."""
     columns, rows = size
     z = np.where(np.isfinite(depths), depths, np.float32(1.0)).astype(np.float64)
     v, u = np.divmod(pixels, columns)

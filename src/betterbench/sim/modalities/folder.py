@@ -1,4 +1,4 @@
-"""Folder of materialized modalities: its settings, the files of each trial, and the list of semantic ids."""
+"""Folder of materialized modalities: its settings, each trial's files, and the list of semantic ids."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from betterbench.sim.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_VERSION: Literal[2] = 2
-"""Version of the settings of a folder; the second has a seal."""
+"""Version of a folder's settings; the second has a seal."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -43,7 +43,7 @@ class Wanted:
     """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
 
     Attributes:
-        quality: Render preset of the colors, or None for that of each record's policy.
+        quality: Render preset for the colors, or None for the preset of each record's policy.
         renderer: Fingerprint of OpenGL; None until the first image is rendered. Pixels of two renderers differ.
     """
 
@@ -54,7 +54,7 @@ class Wanted:
     format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse settings that cannot be rendered."""
+        """Reject settings that cannot be rendered."""
         require_views(self.views)
         require_cameras(v.camera for v in self.views if v.placed is None)
         if self.quality is not None:
@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A modality folder. The same settings resume it; other settings are refused if it contains a file.
+    """A modality folder. The same settings resume it; other settings are rejected if the folder contains a file.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.
@@ -91,7 +91,7 @@ class ModalityFolder:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
-        """Return the folder of a trial's files; raises InvalidInputError if a name could leave the folder."""
+        """Return the folder with a trial's files; raises InvalidInputError if a name could leave the folder."""
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
@@ -115,13 +115,13 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder of a trial's files in a modality folder; InvalidInputError if a name could leave it."""
+    """Return the folder with a trial's files in a modality folder; InvalidInputError if a name could leave it."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
 
 def files_in(path: Path) -> list[Path]:
-    """Return the files of all trials in a folder of modalities, in the order of their names."""
+    """Return the files of all trials in a modality folder, in name order."""
     return sorted(path.glob("*/*/*/*.parquet"))
 
 
@@ -136,7 +136,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return the settings of a modality folder; RecordError if it has none, or they are damaged."""
+    """Return a modality folder's settings; RecordError if it has none, or they are damaged."""
     cure = "Name a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

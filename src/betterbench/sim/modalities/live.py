@@ -15,10 +15,10 @@ from betterbench.tasks import TrialId
 
 
 class LiveMaterializer:
-    """Renderer of the views of a scene row by row during recording; a context manager.
+    """Renderer for a scene's views row by row during recording; a context manager.
 
-    Call :meth:`add` after the reset and after every step, when the rows of the record are appended, and :meth:`finish`
-    with the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,
+    Call :meth:`add` after the reset and after every step, when the record's rows are appended, and :meth:`finish` with
+    the record. Without :meth:`finish`, no files are left. ``out`` is a folder in the layout of better materialize,
     which reuses files in ``RUN/modalities``.
 
     Raises:
@@ -55,6 +55,6 @@ class LiveMaterializer:
         self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
 
     def finish(self, record: Record, record_sha256: str) -> list[Path]:
-        """Move the files of a record to their places and return them; the digest is that of the record's file."""
+        """Move a record's files to their final paths and return them; the digest is that of the record file."""
         origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
         return self._files.finish(origin)

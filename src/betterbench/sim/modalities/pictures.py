@@ -15,7 +15,7 @@ _GOLDEN = 0.6180339887498949
 """The golden ratio's fraction: multiples of it, modulo 1, are spread evenly over the circle of hues."""
 
 LEAST_SEEN = 0.02
-"""Minimum visible fraction of an object whose box is drawn."""
+"""Minimum visible fraction for an object's box to be drawn."""
 
 
 def object_colors(count: int) -> list[tuple[int, int, int]]:
@@ -54,7 +54,7 @@ def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple
 _GRAY = 0.2
 """Saturation below which an object has no clear hue."""
 _APART = 24
-"""Minimum difference of two colors in one of red, green and blue."""
+"""Minimum difference between two colors in red, green or blue."""
 
 
 def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, alpha: int = 96) -> bytes:

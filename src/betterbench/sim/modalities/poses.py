@@ -19,7 +19,7 @@ def rotations(quaternions: np.ndarray) -> np.ndarray:
 
 
 def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the (n, 4) products of quaternions, each with w >= 0; one of the two may be a single (4,)."""
+    """Return the (n, 4) quaternion products, each with w >= 0; one of the two may be a single (4,)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     product = np.stack(
         [
@@ -41,7 +41,7 @@ def in_frame(poses: np.ndarray, frame: np.ndarray) -> np.ndarray:
 
 
 def points_of(poses: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Return (n, 3) world positions of one local point of each frame, (n, 3)."""
+    """Return (n, 3) world positions of one local point in each frame, (n, 3)."""
     return np.asarray(np.einsum("nij,nj->ni", rotations(poses[:, 3:]), local) + poses[:, :3])
 
 

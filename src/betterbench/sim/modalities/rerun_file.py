@@ -121,7 +121,7 @@ def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401
 
 
 def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[int, int, int]]) -> None:  # noqa: ANN401
-    """Log the constant data: names and colors of instances, and the description of the trial."""
+    """Log the constant data: names and colors of instances, and the trial's description."""
     meta = record.metadata
     names: list[tuple[Any, ...]] = [(0, "nothing"), *((number, name) for name, number in stage_ids().items())]
     names += [(instance_of_object(i), o.name, colors[i]) for i, o in enumerate(meta.scene.objects)]
@@ -174,7 +174,7 @@ def _log_row(rerun: Any, stream: Any, record: Record, views: tuple[ViewSpec, ...
 
 
 def _depth_png(depth: np.ndarray) -> bytes:
-    """Return (height, width) depths [m] as a PNG of 16 bits [mm]; 0 without a hit or beyond the range."""
+    """Return (height, width) depths [m] as a 16-bit PNG [mm]; 0 without a hit or beyond the range."""
     millimeters = np.nan_to_num(depth * _DEPTH_PER_M, nan=0.0, posinf=0.0, neginf=0.0)
     whole = np.where(millimeters <= np.iinfo(np.uint16).max, np.rint(millimeters), 0.0).astype(np.uint16)
     packed = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Materialization of the records of a run as modality files, in a resumable folder."""
+"""Materialization of a run's records as modality files, in a resumable folder."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class _Tally:
 
 
 def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
-    """Return the views of a run's policy; those of the default preset if it uses no image."""
+    """Return the views of a run's policy; the default preset's views if the policy uses no image."""
     told = run.plan.get("observation")
     name = told.get("name") if isinstance(told, dict) else told
     preset = observation_spec(name if isinstance(name, str) else "default")
@@ -94,7 +94,7 @@ def materialize_run(
     """
     began, tally = time.monotonic(), _Tally()
     finished: set[TrialId] = set()
-    list(recorded_trials(run, trials))  # refuse a missing trial before making a folder
+    list(recorded_trials(run, trials))  # reject a missing trial before making a folder
     require_free_place(out)
     with job_folder(out.absolute()):
         writer = _Writer(run, ModalityFolder(out, wanted), tally)
@@ -120,7 +120,7 @@ def materialize_run(
 
 
 def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
-    """Yield the recorded trials, in the order of the journal.
+    """Yield the recorded trials, in journal order.
 
     Raises RecordError if a requested trial is not recorded.
     """
@@ -192,9 +192,10 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Tell whether the file of a trial's view exists, belongs to this record, and is intact.
+        """Tell whether the file for a trial's view exists, belongs to this record, and is intact.
 
-        The whole file is read, because its header does not cover the rest; this takes about 2 % of rendering it.
+        The complete file is read, because its header does not cover the rest; this takes about 2 % of the rendering
+        time.
         """
         path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
         if not path.exists():
@@ -234,7 +235,7 @@ class _Writer:
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:
-    """Return the render preset of a record's policy, or that of the run if it uses no image."""
+    """Return the render preset of a record's policy, or the run's preset if the policy uses no image."""
     planned = run.plan.get("quality")
     name = planned.get("name") if isinstance(planned, dict) else None
     return record.metadata.render_quality or (name if isinstance(name, str) else "standard")

@@ -1,4 +1,4 @@
-"""Writer of the modality files of one trial, from sights in the order of the rows."""
+"""Writer for one trial's modality files, from sights in row order."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class TrialOrigin:
 
 
 class TrialFiles:
-    """Modality files of some views of one trial. A context manager that removes unfinished files.
+    """Modality files for some views of one trial. A context manager that removes unfinished files.
 
     Raises StorageError if the disk is full, RecordError if the scene has other objects than the record.
     """
@@ -77,7 +77,7 @@ class TrialFiles:
         self._stack.close()
 
     def add(self, sights: Sequence[np.ndarray], time_s: float) -> None:
-        """Add the sights of all views for the next row of the record, with its time [s]."""
+        """Add the sights of all views for the next record row, with its time [s]."""
         last, self._last = self._last, (sights, time_s)
         if last is not None:
             self._append(last, sights)

@@ -16,7 +16,7 @@ _STANDING = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class ViewValues:
-    """Converter from the sights of one view to the values of its columns."""
+    """Converter from one view's sights to the values of its columns."""
 
     def __init__(
         self, facts: ModelFacts, modalities: Sequence[str], categories: Sequence[str], focal_px: float
@@ -51,7 +51,7 @@ class ViewValues:
 
     def _boxes(self, sight: np.ndarray) -> dict[str, np.ndarray]:
         poses = sight["poses"][self._facts.object_bodies]
-        # of the two quaternions of a rotation, use the quaternion with w >= 0
+        # of a rotation's two quaternions, use the one with w >= 0
         turned = products(poses[:, 3:], _STANDING)
         boxes = np.concatenate([points_of(poses, self._facts.boxes[:, 0]), turned], axis=1)
         seen = in_frame(boxes, sight["camera"])

@@ -15,14 +15,14 @@ from betterbench.sim.modalities.values import ViewValues
 from betterbench.sim.scenes.limited import LimitedView
 
 MOST_CONTACTS = 24
-"""Maximum number of body pairs that are shown; pairs whose contact changes come first."""
+"""Maximum number of body pairs shown; pairs whose contact changes come first."""
 
 _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """Lane of a timeline: spans of rows, each with first row, last row and text.
+    """Timeline lane: spans of rows, each with first row, last row and text.
 
     ``kind`` is "subgoal", "held" or "contact".
     """
@@ -67,7 +67,7 @@ class ShownRow:
 
     Attributes:
         time_s: Its time [s].
-        views: Values of the columns of a file, by view.
+        views: Column values from the files, by view.
         focal_px: Focal length of each view [pixel].
         half_sizes_m: (objects, 3) half extents of the 3-D boxes [m].
     """

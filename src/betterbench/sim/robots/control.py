@@ -62,8 +62,8 @@ POSE_STEP_RAD = 0.1
 """Largest rotation toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
 
 JOINT_LEAD_RAD = 0.3
-"""Largest distance of a joint reference from the measured angle [rad]: the largest joint motion for 5 cm and 0.5 rad at
-the tool, so the bound is active only if the arm is blocked or far from its reference.
+"""Largest distance between a joint reference and the measured angle [rad]: the largest joint motion for 5 cm and 0.5
+rad at the tool, so the bound is active only if the arm is blocked or far from its reference.
 """
 
 
@@ -140,7 +140,7 @@ class ArmController:
 
     @property
     def commanded_pose(self) -> Pose:
-        """Pose ``T_base_tcp`` that is the current goal of the arm."""
+        """The arm's current goal pose, ``T_base_tcp``."""
         return self._pose
 
     @property
@@ -170,7 +170,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the current joint angles and opening width as the command, so that the arm stands still."""
+        """Adopt the current joint angles and opening width as the command, so that the arm does not move."""
         joints = data.qpos[self._qpos]
         self._joints = joints.tolist()
         self._pose = self.ik.forward(joints)
@@ -298,8 +298,8 @@ class ArmController:
             )
 
 
-# Functions of the class instead of bound methods, because a reference cycle through the controller, with the models of
-# its inverse kinematics, would stay in memory until a garbage collection.
+# Class functions instead of bound methods: a reference cycle through the controller, with its inverse kinematics
+# models, would stay in memory until a garbage collection.
 _Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
 _DRIVEN: dict[str, tuple[ActionSpace, _Advance]] = {
     EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),

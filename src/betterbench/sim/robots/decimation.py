@@ -2,8 +2,8 @@
 
 Edges are collapsed by the quadric error metric (M. Garland, P. S. Heckbert, "Surface Simplification Using Quadric Error
 Metrics", SIGGRAPH 1997), the cheapest first. Collapses that would flip a triangle, make a sliver, or connect separate
-sheets are skipped, which avoids flaps and holes. Open borders are held by additional planes perpendicular to the border
-triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
+sheets are skipped, which avoids flaps and holes. Open borders are held in place by additional planes perpendicular to
+the border triangles. The order depends only on the arrays, so every machine with the same input makes the same mesh.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ _BORDER_WEIGHT = 30.0
 """Weight of a border's planes relative to the faces', which lets a border move along itself rather than across."""
 
 _LEAST_COSINE = 0.35
-"""Cosine of the largest rotation of a triangle by one collapse, about 70 degrees."""
+"""Cosine of the largest triangle rotation caused by one collapse, about 70 degrees."""
 
 _LEAST_SHAPE = 0.02
-"""Minimum shape of a triangle: its area over that of an equilateral one with its longest side."""
+"""Minimum shape quality of a triangle: its area divided by the area of an equilateral triangle with its longest side.
+"""
 
 
 def welded(vertices: np.ndarray, faces: np.ndarray, tolerance_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +86,7 @@ def decimated(
 
     Args:
         pieces: For each its (n, 3) positions [m], welded, and (m, 3) vertex numbers.
-        weights: Weight of an error of each piece, relative to the others.
+        weights: Relative error weight of each piece.
         target: Number of triangles at which to stop.
 
     Returns:
@@ -165,7 +166,7 @@ class _Collapsing:
         shared = self._around[a] & self._around[b]
         if not 1 <= len(shared) <= 2:
             return False
-        # The link condition: the ends have no common neighbors except those of the removed triangles.
+        # The link condition: the edge's ends have no common neighbors except in the removed triangles.
         if len(self._neighbors(a) & self._neighbors(b)) != len(shared):
             return False
         if len(shared) == 2 and self._on_border(a) and self._on_border(b):
@@ -180,7 +181,7 @@ class _Collapsing:
         return True
 
     def _on_border(self, vertex: int) -> bool:
-        """Tell whether a vertex has an edge with one triangle only."""
+        """Tell whether a vertex has an edge with only one triangle."""
         seen: dict[int, int] = {}
         for number in self._around[vertex]:
             for other in self._faces[number] or ():

@@ -9,12 +9,12 @@ from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.spec import RobotSpec, build_robot_spec, robot
 
 CARRIER_JOINTS = ("carrier_x", "carrier_y", "carrier_z")
-"""Slides of the carrier along the axes of the world [m]; actuators of the same names set their positions."""
+"""Slides of the carrier along the world axes [m]; actuators with the same names set their positions."""
 TOOL_BODY = "tool"
-"""Body whose frame is that of the tool center point; its orientation (``body_quat``) may be set before a trial."""
+"""Body whose frame is the tool center point frame; its orientation (``body_quat``) may be set before a trial."""
 
 PREFIX = "robot_"
-"""Prefix of the names of the robot's own bodies, geoms, joints and actuators."""
+"""Prefix for the names of the robot's own bodies, geoms, joints and actuators."""
 
 _STIFFNESS = 20_000.0
 """Position gain of a slide [N/m]: 1 kg sags by half a millimeter, less than an arm under gravity compensation."""
@@ -26,11 +26,11 @@ _ARMATURE_KG = 1.0
 def add_floating_gripper(spec: mujoco.MjSpec, name: str = "panda") -> RobotSpec:
     """Add the gripper of a robot to a model: its own fingers, pads, coupling and servo, on a carrier with three slides.
 
-    The tool center point is at the position of the carrier, in the orientation of the body ``tool``. Returns the
-    description of the robot.
+    The tool center point is at the carrier's position, in the orientation of the body ``tool``. Returns the
+    robot's description.
 
     Raises:
-        UnknownNameError: If there is no such robot.
+        UnknownNameError: If no such robot exists.
     """
     known = robot(name)
     arm = build_robot_spec(name, visuals=False)

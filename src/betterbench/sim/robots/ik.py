@@ -12,7 +12,7 @@ Each iteration minimizes over the joint step ``d``
     |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
 
 inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the elbow
-and displaces the tool by micrometers. Results depend on the arguments only: there is no state between calls.
+and displaces the tool by micrometers. Results depend only on the arguments: there is no state between calls.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ damped.
 _STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
 
 REACH_DAMPING = 1e-6
-"""Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
+"""Damping in the iterations of :meth:`ArmIK.reach` [1/rad2]."""
 
 FOLLOW_ITERATIONS = 6
 """Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""
@@ -68,8 +68,8 @@ _FAR = 1.01 / APPROACH
 SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
 
-Below it (about 2 cm at the tool) the first iteration leaves less than 0.4 mm, which the next control step corrects;
-after 3 cm the second one reduces the error to 0.1 mm.
+Below this error (about 2 cm at the tool), the first iteration leaves less than 0.4 mm, which the next control step
+corrects; after 3 cm, the second iteration reduces the error to 0.1 mm.
 """
 
 _REACH_STEP_RAD = 0.3
@@ -88,7 +88,7 @@ _RESTARTS = (
 
 
 _Window = tuple[Sequence[float], Sequence[float], float]
-"""Joint angles at the beginning of a control step, and the center and size of the allowed range of its lead [rad]."""
+"""Joint angles at the beginning of a control step, and the center and size of the allowed lead range [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +167,8 @@ class ArmIK:
         """Return the joint angles of :meth:`solve` as plain numbers.
 
         It uses plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are
-        cold; an array operation then takes three times as long as in an isolated benchmark, `all` and `map` twice as
-        long as a loop.
+        cold, so an array operation takes three times as long as in an isolated benchmark, and `all` and `map` take
+        twice as long as a loop.
         """
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
@@ -185,7 +185,7 @@ class ArmIK:
     ) -> tuple[list[float], list[float]]:
         """Return the lowest and the highest joint reference one control step after ``q``, all of length n [rad].
 
-        A joint obeys its velocity limit, and takes at most :data:`APPROACH` of its distance to a position limit, so
+        A joint obeys its velocity limit, and moves at most :data:`APPROACH` of its distance to a position limit, so
         that it slows down before the limit. From outside the limits it returns at full speed. Within these bounds it
         stays within ``lead_rad`` of ``centers``.
         """
@@ -202,7 +202,7 @@ class ArmIK:
         return lowest, highest
 
     def _reach_in_window(self, moved: Sequence[float], window: _Window) -> float | None:
-        """Return the largest step of a joint [rad] to angles inside the range of :meth:`window`; None for others."""
+        """Return a joint's largest step [rad] to angles inside the range of :meth:`window`; None for others."""
         q, centers, lead = window
         farthest = 0.0
         # Far from its position limits a joint is limited only by its speed and its lead.
@@ -229,7 +229,7 @@ class ArmIK:
         iterations: int = 60,
         restarts: bool = True,
     ) -> IKResult:
-        """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best of all.
+        """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best result.
 
         The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home;
         it takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not
@@ -265,8 +265,8 @@ class ArmIK:
     ) -> list[float] | None:
         """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None; as plain numbers.
 
-        It is for many consecutive targets along a path: Newton steps from a close start, which take a tenth of the time
-        of :meth:`reach` and end when both tolerances are met. If they leave the limits or do not converge,
+        It is meant for many consecutive targets along a path: Newton steps from a close start, which take a tenth of
+        the time of :meth:`reach` and end when both tolerances are met. If they leave the limits or do not converge,
         :meth:`reach` searches from ``q``. A ``q`` outside the limits is replaced by the nearest angles inside.
         """
         now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
@@ -337,9 +337,10 @@ class ArmIK:
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
         """Return the joint angles after one iteration from ``q`` with the prepared Jacobian.
 
-        The second value is the largest distance of a joint from the beginning of the window; both [rad].
+        The second value is the largest distance between a joint and the beginning of the window; both [rad].
         """
-        # If no bound is active, the minimum is one Newton step, a third of the time of the quadratic program.
+        # If no bound is active, the minimum is one Newton step, which takes a third of the time of the quadratic
+        # program.
         moved = self._newton_step(q, self._world_error(target))
         reach = self._reach_in_window(moved, window)
         if reach is not None:
@@ -394,7 +395,7 @@ class ArmIK:
         return Pose(self._get_position(), self._site_quaternion())
 
     def _site_quaternion(self) -> Quaternion:
-        """Return the rotation of the tool at the current joint angles."""
+        """Return the tool rotation at the current joint angles."""
         mujoco.mju_mat2Quat(self._quaternion, self._site_matrix)
         w, x, y, z = self._get_quaternion()
         return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
@@ -434,13 +435,13 @@ def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
 
 
 def _cost(result: IKResult) -> float:
-    """Return the weighted error of a result, for the comparison of unconverged starts."""
+    """Return the weighted error of a result, used to compare unconverged starts."""
     return POSITION_COST * result.position_error_m + ORIENTATION_COST * result.rotation_error_rad
 
 
 @functools.cache
 def _arm_model(spec: RobotSpec) -> tuple[mujoco.MjModel, int]:
-    """Return the model of the arm alone, with fingers fixed, and the number of its tool site."""
+    """Return the model of the arm alone, with fixed fingers, and the number of its tool site."""
     description = build_robot_spec(spec.name, visuals=False)
     for group in (description.actuators, description.tendons, description.equalities, description.excludes):
         for element in list(group):

@@ -2,11 +2,11 @@
 
 The STL files come with the ``gymnasium-robotics`` wheel and contain 134,000 triangles, which dominate the time of
 software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all parts together
-are decimated to a fixed budget of triangles, distributed by need (:mod:`~betterbench.sim.robots.decimation`).
+are decimated to a fixed triangle budget, distributed by need (:mod:`~betterbench.sim.robots.decimation`).
 
 The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under another
 name and renamed, so two simultaneous processes both succeed with the same file. The first line is the SHA-256 of the
-name and of the rest; a changed or unreadable file is made again.
+name and the rest; a changed or unreadable file is made again.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class MeshPart:
 
     @property
     def name(self) -> str:
-        """Name of the part in models and in the cache file."""
+        """Part name in models and in the cache file."""
         return f"{self.link}_{self.paint}"
 
 
@@ -72,7 +72,7 @@ PaintRule = Callable[[str, int], str]
 
 
 def mesh_folder() -> Path:
-    """Return the folder of the visual STL files; raise MissingDependencyError if they are not installed."""
+    """Return the folder with the visual STL files; raise MissingDependencyError if they are not installed."""
     found = importlib.util.find_spec("gymnasium_robotics")
     folders = list(found.submodule_search_locations or ()) if found is not None else []
     for folder in folders:
@@ -93,9 +93,9 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache if possible.
 
-    ``shares`` gives the weight of shape errors by file stem, ``faces`` the maximum number of triangles of all parts
-    together; ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is
-    used. Raises MissingDependencyError if a source file is missing.
+    ``shares`` gives the weight of shape errors by file stem, ``faces`` the maximum number of triangles over all parts;
+    ``paint`` sorts the connected parts of each file. ``progress`` is called for each link unless the cache is used.
+    Raises MissingDependencyError if a source file is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}

@@ -1,4 +1,4 @@
-"""Physics options and rates of the whole benchmark, for every model of a scene, a robot or a single asset."""
+"""Benchmark-wide physics options and rates, for every model of a scene, a robot or a single asset."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ class Physics:
 
     Attributes:
         timestep_s: Duration of one physics step [s].
-        control_rate_hz: Rate of actions [Hz]; a control step is an integer number of physics steps.
-        impratio: Ratio of frictional to normal constraint impedance; more than 1 reduces the creep of held objects.
+        control_rate_hz: Action rate [Hz]; a control step is an integer number of physics steps.
+        impratio: Ratio of frictional to normal constraint impedance; values above 1 reduce the creep of held objects.
         noslip_iterations: Iterations of the solver that removes the remaining creep.
         condim: Contact dimensions; 4 has torsional friction, which keeps a flat object from rotating between two pads.
         contact_time_constant_s: Time constant of critically damped contacts [s]. An object dropped from 5 cm arrives at
             1 m/s. MuJoCo's default of 20 ms lets it sink by 7 mm, through the floor of a box; 5 ms limits it to 2 mm
             and is still 2.5 time steps.
         sleep_tolerance_m_s: Speed below which a group of touching objects falls asleep after ten time steps [m/s].
-            Rotation is weighted by the size of the object. The value is a twentieth of the speed below which a verdict
+            Rotation is weighted by the object's size. The value is a twentieth of the speed below which a verdict
             considers an object at rest, so no motion that affects a verdict is stopped.
     """
 
@@ -44,7 +44,7 @@ class Physics:
         spec.option.noslip_iterations = self.noslip_iterations
 
     def set_scene(self, spec: mujoco.MjSpec) -> None:
-        """Write the options, sleeping and the default contact of geoms to the description of a scene."""
+        """Write the options, sleeping and the default contact of geoms to a scene's description."""
         self.set_solver(spec)
         spec.option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         spec.option.sleep_tolerance = self.sleep_tolerance_m_s

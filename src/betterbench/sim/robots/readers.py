@@ -39,7 +39,7 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 
 
 def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
-    """Return a function that reads the current values of some rows of an array.
+    """Return a function that reads the current values of some array rows.
 
     Without a change, the function returns the same tuple as the last call, because mostly only the arm moves.
 
@@ -59,9 +59,9 @@ def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) 
     """Return a function that reads the current speeds of objects.
 
     Args:
-        array: (nv,) velocities of all degrees of freedom, float64, contiguous; its memory address must not change.
+        array: (nv,) velocities of all degrees of freedom, float64, contiguous; the memory address must not change.
         free: Index of the first of each object's six degrees of freedom, or -1 if it is not free.
-        slides: Index of each object's only degree of freedom, or -1 if it does not slide.
+        slides: Index of each sliding object's only degree of freedom, or -1 if the object does not slide.
     """
     ends = [(d, d + 6) for d in free if d >= 0] + [(d, d + 1) for d in slides if d >= 0]
     first, last = min((a for a, _ in ends), default=0), max((b for _, b in ends), default=0)

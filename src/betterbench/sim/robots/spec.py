@@ -1,4 +1,4 @@
-"""Description of a robot for other packages: one frozen value per robot, and a registry by name."""
+"""Robot description for other packages: one frozen value per robot, and a registry by name."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """Description of a robot, for controllers, scenes and experts.
+    """Robot description, for controllers, scenes and experts.
 
-    Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix. Arm joints are
-    listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
+    Names are those in the robot's own model; a scene that attaches the robot under a prefix passes the prefix. Arm
+    joints are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits
+    [rad/s].
 
     Attributes:
         name: Name in the registry ("panda").
@@ -28,11 +29,11 @@ class RobotSpec:
         velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo of the opening width.
         finger_joints: Slide joints of the fingers; their sum is the opening width.
-        finger_bodies: Bodies of the left (+y of the gripper) and the right finger.
+        finger_bodies: Bodies of the left (+y of the gripper) and right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
-        arm_bodies: Bodies of the arm without the gripper.
-        tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
+        arm_bodies: Arm bodies without the gripper.
+        tcp_site: Tool center point between the pads; z along the approach, y along the finger opening direction.
         joint_effort: Maximum torque of the servos [N m].
         gripper_opening_m: Largest opening width [m].
         pad_size_m: Width and height of a pad's face [m].
@@ -97,7 +98,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return the name of this body in recorded contacts; None if it has none. ``body`` is without prefix."""
+        """Return this body's name in recorded contacts; None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:

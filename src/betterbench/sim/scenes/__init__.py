@@ -6,7 +6,7 @@
   contents.
 - ``stored``, ``limited``, ``glb``: compiled scenes on disk, opened in a limited process, or written for other viewers.
 
-Each public name is imported from its module at first use, so that a process that only renders builds no scene.
+Each public name is imported from its module at first use, so that a process that only renders does not build a scene.
 """
 
 from typing import TYPE_CHECKING

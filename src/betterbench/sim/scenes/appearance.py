@@ -1,4 +1,4 @@
-"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, and start of the arm.
+"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, and arm start.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
 compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.
@@ -21,33 +21,34 @@ from betterbench.sim.scenes.stage import CAMERAS, WRIST_CAMERA
 from betterbench.tasks import Looks, ObjectSpec, stream
 
 LOOK_SETS = 16
-"""Number of sets of looks of a task. A trial draws one set, with one look for each kind of object and for the room, so
-that runs compile and store a few scenes instead of one per trial."""
+"""Number of look sets per task. A trial draws one set, with one look for each object kind and for the room, so that
+runs compile and store a few scenes instead of one per trial.
+"""
 
 UNSEEN_LOOK_SETS = 12
-"""Number of sets of held-out looks of a task: a multiple of the four held-out looks and of the three rooms."""
+"""Number of held-out look sets per task: a multiple of the four held-out looks and of the three rooms."""
 
 CAMERA_SHIFT_M = 0.01
-"""Half width of the jitter of a camera along each of its axes [m]."""
+"""Half width of the camera jitter along each camera axis [m]."""
 
 CAMERA_TURN_RAD = math.radians(1.0)
-"""Half width of the jitter of a camera about each of its axes [rad]."""
+"""Half width of the camera jitter about each camera axis [rad]."""
 
 LIGHT_TURN_RAD = math.radians(4.0)
-"""Half width of the jitter of the key light's direction about the axes of the world [rad]."""
+"""Half width of the jitter in key light direction, about the world axes [rad]."""
 
 START_SHIFT_M = 0.02
-"""Half width of the jitter of the end effector's start along the axes of the world [m]."""
+"""Half width of the jitter in the end effector's start, along the world axes [m]."""
 
 START_TURN_RAD = math.radians(5.0)
-"""Half width of the jitter of the end effector's start about the axis of the tool [rad]."""
+"""Half width of the jitter in the end effector's start, about the tool axis [rad]."""
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return the look of an object in a trial; equal objects have the same look in every scene.
+    """Return an object's look in a trial; equal objects have the same look in every scene.
 
-    Over the sets, every look of a kind of object occurs equally often, and independently of those of other kinds and of
-    the room. Categories of one family and color share their look, for example a cabinet and its drawers.
+    Over the sets, every look of an object kind occurs equally often, and independently of the looks of other kinds and
+    of the room. Categories of one family and color share their look, for example a cabinet and its drawers.
     """
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
     return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
@@ -60,12 +61,12 @@ def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
 
 
 def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
-    """Return the index of the set of looks that a trial draws."""
+    """Return the index of the look set that a trial draws."""
     return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return the index of a trial's look, of ``count``: each set uses the next one of a separate shuffled order."""
+    """Return a trial's look index, out of ``count``: each set uses the next index in a separate shuffled order."""
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])
@@ -77,7 +78,7 @@ def _order(task: str, round_: int, purpose: str, count: int) -> tuple[int, ...]:
 
 
 def view_jitter_of(task: str, seed: int) -> ViewJitter:
-    """Return the offsets of the cameras and of the key light of a trial from their nominal poses."""
+    """Return a trial's camera and key light offsets from their nominal poses."""
     cameras = {}
     for camera in (*CAMERAS, WRIST_CAMERA):
         x, y, z, rx, ry, rz = stream(task, seed, f"camera:{camera}").uniform(-1.0, 1.0, 6).tolist()

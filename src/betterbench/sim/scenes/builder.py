@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed: placement of the assets, and the body label of each geom."""
+"""Compilation of a scene from a condition and a seed: asset placement, and the body label of each geom."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Placement:
 
     @property
     def anchored(self) -> Pose | None:
-        """Constant pose in the model: of a fixed object, or of a drawer while it is closed."""
+        """Constant pose in the model: the pose of a fixed object, or of a closed drawer."""
         return self.pose if self.spec.fixed else self.shut
 
 
@@ -120,7 +120,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return the opening of a drawer at the start [m], within its travel."""
+    """Return a drawer's opening at the start [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
@@ -140,7 +140,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the center of the surface on which objects rest at a target, in its frame [m]."""
+    """Return the center of the surface on which objects rest at a target, in the target's frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"
@@ -149,7 +149,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return the pose of a pre-placed object at its target: that of a demonstration, drawn from the trial's stream.
+    """Return the pose of a pre-placed object at its target: a pose from a demonstration, drawn from the trial's stream.
 
     In a container, the object is moved away from the walls if necessary (never with the assets of a demonstration).
 
@@ -178,7 +178,7 @@ _LOCK = threading.Lock()
 
 
 def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, room: Room) -> CompiledScene:
-    """Return the compiled model of a set of objects, from a cache if possible.
+    """Return the compiled model for a set of objects, from a cache if possible.
 
     Only the content of a model matters: assets, fixed poses, robot, render quality and the room. Names, slots and start
     poses of free objects do not matter, so trials that differ only in layout or language share one model.

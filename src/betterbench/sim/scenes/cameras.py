@@ -1,4 +1,4 @@
-"""Poses and projections of the cameras of a model: pinhole cameras in the conventions of OpenCV."""
+"""Camera poses and projections in a model: pinhole cameras in OpenCV conventions."""
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ class CameraMatrices:
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project points (n, 3) [m] of the world frame into the image; raise InvalidInputError for another shape.
 
-        Returns:
-            (n, 2) float64 pixels (u, v), which may lie outside the image, and (n,) depths along the optical axis
+        Returns: (n, 2) float64 pixels (u, v), which may be outside the image, and (n,) depths along the optical axis
             [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
         """
         array = np.asarray(points, dtype=np.float64)
@@ -91,7 +90,7 @@ class ViewPlacement:
     def apply(self, data: mujoco.MjData) -> None:
         """Place cameras and lights for the current poses of the bodies, which must be up to date.
 
-        Live images and those of recorded states use this function, so that they agree bit for bit.
+        Live images and images of recorded states use this function, so that they agree bit for bit.
         """
         mujoco.mj_camlight(self._model, data)
         frames = data.xmat.take(self._bodies, 0).reshape(-1, 3, 3)
@@ -107,7 +106,7 @@ _STILL = CameraOffset((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def camera_matrices(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
 ) -> CameraMatrices:
-    """Return intrinsics and pose of a camera of the model in a state with updated positions.
+    """Return intrinsics and pose of a model's camera in a state with updated positions.
 
     Raises UnknownNameError if the model has no such camera, InvalidInputError if the size is out of range.
     """
@@ -124,7 +123,7 @@ def camera_matrices(
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:
-    """Return the index of a camera; raise UnknownNameError if the model has no such camera."""
+    """Return a camera's index; raise UnknownNameError if the model has no such camera."""
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
     if number < 0:
         raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))
@@ -132,7 +131,7 @@ def camera_number(model: mujoco.MjModel, camera: str) -> int:
 
 
 def focal_length_px(fovy_deg: float, height: int) -> float:
-    """Return the focal length [pixel] of images of a height [pixel] with a vertical field of view [degree]."""
+    """Return the focal length [pixel] for images with a given height [pixel] and vertical field of view [degree]."""
     return 0.5 * height / math.tan(0.5 * math.radians(fovy_deg))
 
 

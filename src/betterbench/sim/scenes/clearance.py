@@ -22,8 +22,8 @@ class Clearance:
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
         """Copy the scene's model; the robot must keep a distance of ``margin_m`` from all bodies.
 
-        ``penetration_m`` is the allowed overlap of the held object with others; it must exceed the depth of a resting
-        contact.
+        ``penetration_m`` is the allowed overlap between the held object and others; it must exceed the depth of a
+        resting contact.
         """
         self._compiled = scene.compiled
         self._labels = scene.body_names
@@ -36,7 +36,7 @@ class Clearance:
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
         # Check only the robot and the held object, against everything except the robot. Contacts among other objects,
-        # and among parts of the robot, are not needed and would take a third of the time.
+        # and among robot parts, are not needed and would take a third of the time.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0
@@ -62,7 +62,7 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Set whether a body of the label table collides with everything else, or only with such bodies."""
+        """Set whether a body in the label table collides with everything else, or only with such bodies."""
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0

@@ -1,4 +1,4 @@
-"""Contacts of the physics engine as pairs of body names, including those of sleeping objects."""
+"""Contacts in the physics engine as pairs of body names, including contacts of sleeping objects."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Sleep(NamedTuple):
 
 
 Groups = tuple[tuple[int, tuple[int, ...]], ...]
-"""Pairs listed by the engine: the index of each, and the addresses of the normal forces of its contact points."""
+"""Pairs listed by the engine: each pair's index, and the addresses of the normal forces at its contact points."""
 
 
 class _Row(NamedTuple):
@@ -54,7 +54,7 @@ class _Row(NamedTuple):
 
 
 class ContactReader:
-    """Reader of the contacts of one model.
+    """Reader for one model's contacts.
 
     The engine puts groups of resting objects to sleep: sleeping objects are not moved and their contacts are not listed
     until an awake object touches the group. Their contacts are still valid and therefore cached. These contacts are
@@ -66,7 +66,7 @@ class ContactReader:
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
-        """Prepare for a model; ``names`` are those of its objects in scene order."""
+        """Prepare for a model; ``names`` are its object names in scene order."""
         self._model, self._names = compiled.model, names
         n = len(names)
         numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)
@@ -111,10 +111,10 @@ class ContactReader:
                 self._passed[number] = max(force, self._passed.get(number, 0.0))
 
     def read(self, data: mujoco.MjData, positions: Sequence[Vector]) -> tuple[tuple[Contact, ...], str | None]:
-        """Return all pairs with an object or the gripper, in the order of the labels, and the held object.
+        """Return all pairs with an object or the gripper, in label order, and the held object.
 
         An object is held if both fingers touch it now and neither another object nor the table does. ``positions`` are
-        those of the objects in these data.
+        the object positions in these data.
         """
         if data is not self._data:  # the engine keeps its arrays at fixed addresses
             self._data, self._asleep = data, data.tree_asleep.data
@@ -138,7 +138,7 @@ class ContactReader:
         return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all state of the next reading besides the data; the data of the sleeping objects are copied."""
+        """Return all state for the next reading except the data; the data of the sleeping objects are copied."""
         kept = {name: value for name, value in vars(self).items() if name in _KEPT_BETWEEN_READINGS}
         return {**kept, "_awake": copy.copy(self._awake)}
 
@@ -171,7 +171,7 @@ class ContactReader:
         return self._groups
 
     def _new_row(self, groups: Groups, kept: Mapping[int, Contact]) -> _Row:
-        """Return the result of readings for these touching pairs and these contacts of the sleeping objects."""
+        """Return the reading result for these touching pairs and these contacts of the sleeping objects."""
         asleep = frozenset() if kept is _NOTHING else self._kept_numbers
         awake = {number: addresses for number, addresses in groups if number not in asleep}
         order = tuple(sorted({*awake, *kept}))
@@ -195,7 +195,7 @@ class ContactReader:
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Find the contacts of the sleeping objects, unless the objects and their poses are those of the last call."""
+        """Find the contacts of sleeping objects, unless the objects and their poses are as in the last call."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:
@@ -242,7 +242,7 @@ _KEPT_BETWEEN_READINGS = (
 
 
 def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
-    """Return the sum of the normal forces of some contact points [N]; a point omitted by the solver has none."""
+    """Return the sum of the normal forces at some contact points [N]; a point omitted by the solver has none."""
     total = 0.0
     for address in addresses:
         if address >= 0:
@@ -251,10 +251,10 @@ def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
-    """Return the index of each pair of labels, -1 for an irrelevant pair, and the names by index.
+    """Return the index of each label pair, -1 for an irrelevant pair, and the names by index.
 
-    Labels below ``relevant`` are objects or parts of the gripper; pairs without any of them are irrelevant. The last
-    row and column are for geoms without a label. Indices are in the order of the labels.
+    Labels below ``relevant`` are objects or gripper parts; pairs without such a label are irrelevant. The last
+    row and column are for geoms without a label. Indices are in label order.
     """
     n = len(labels)
     numbers = [[-1] * (n + 1) for _ in range(n + 1)]

@@ -27,7 +27,7 @@ _Vector = tuple[float, float, float]
 class Culling:
     """Visibility test for a perspective camera with its optical axis in the center of the image.
 
-    The scene is the one used for rendering; it is filled again for each image.
+    The scene is the same one that is used for rendering; it is filled again for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
@@ -44,9 +44,9 @@ class Culling:
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
         """Remove geoms outside a camera's view from the scene, and return whether the sky may be visible.
 
-        Only meshes with many faces are tested, and only for cameras on a body, because a static camera sees the whole
-        table. ``aspect`` is the image's width divided by its height. ``geoms`` is False to remove none, for images with
-        shadows, which may fall into the view from outside.
+        Only meshes with many faces are tested, and only for cameras on a body, because a static camera sees the
+        complete table. ``aspect`` is the image's width divided by its height. ``geoms`` is False to remove none, for
+        images with shadows, which may fall into the view from outside.
         """
         if self._scene.ngeom != self._filled:
             self._learn()
@@ -55,7 +55,7 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(fovy_deg)
             angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # plain numbers, because between two images NumPy is not in the processor's caches, and a product of two small
+        # plain numbers, because between two images NumPy is not in the processor's caches, and multiplying two small
         # arrays takes longer than all of this
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()

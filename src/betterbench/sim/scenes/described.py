@@ -1,4 +1,4 @@
-"""Description of a scene for the record of its episode."""
+"""Scene description for its episode's record."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks import Looks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneDescription:
-    """Description of a scene: versions, instruction and appearance, with the fields of a record's metadata.
+    """Scene description: versions, instruction and appearance, with the fields of a record's metadata.
 
     Attributes:
         instruction: All instructions of the episode, as one text.

@@ -1,4 +1,4 @@
-"""Framing of a task by the front camera: pixels of the gripper, size and visibility of named objects, and margins.
+"""Framing of a task by the front camera: gripper pixels, size and visibility of named objects, and margins.
 
 The limits for every task are constants of this file; no verdict depends on them.
 """
@@ -38,7 +38,7 @@ SIDE_PX = 24.0
 """Minimum longer side of an object in the instruction, in an image of 256 x 256 [pixel]."""
 
 VISIBLE = 0.6
-"""Minimum visible fraction of an object in the instruction: neither hidden nor cut off by the image's edge."""
+"""Minimum visible fraction of an object named in the instruction: neither hidden nor cut off by the image's edge."""
 
 BACKGROUND = 0.2
 """Largest fraction of the image without table, robot and object."""
@@ -56,7 +56,7 @@ class ObjectFraming:
 
     Attributes:
         side_px: Longer side of its visible part's bounding box [pixel].
-        visible: Fraction of it that is in the image and not occluded.
+        visible: Fraction of the object that is in the image and not occluded.
     """
 
     name: str
@@ -66,7 +66,7 @@ class ObjectFraming:
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """Measures of an image of the front camera at the start of a trial.
+    """Measurements on a front camera image at the start of a trial.
 
     Attributes:
         gripper_px: Pixels of hand and fingers.
@@ -80,7 +80,7 @@ class Framing:
 
 
 class FramingView:
-    """Measurement of images of one scene, without changing it."""
+    """Measures images of one scene without changing the scene."""
 
     def __init__(self, scene: Scene, *, camera: str = "front") -> None:
         """Copy the scene's model, and make a renderer for it."""
@@ -99,14 +99,14 @@ class FramingView:
         self._renderer.close()
 
     def start(self, jitter: ViewJitter | None = None) -> Framing:
-        """Return the measures at the start of the trial, with the jitter of the trial or another one."""
+        """Return the measurements at the start of the trial, with the trial's jitter or another jitter."""
         masks = self._masks(self._scene.data.qpos, jitter)
         asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))
         background = float(np.isin(masks, self._background).mean())
         return Framing(int(np.isin(masks, self._gripper).sum()), background, asked)
 
     def of(self, name: str) -> ObjectFraming:
-        """Return the size and visibility of an object at the start of the trial."""
+        """Return an object's size and visibility at the start of the trial."""
         return self._object(name, self._masks(self._scene.data.qpos, None))
 
     def gripper_over(self, slot: str, jitter: ViewJitter | None = None) -> int:
@@ -140,7 +140,7 @@ class FramingView:
         return ObjectFraming(name, side, len(rows) / max(self._whole(body), 1))
 
     def _whole(self, body: int) -> int:
-        """Return the pixels of a body without occlusion, including those outside the image.
+        """Return a body's pixels without occlusion, including pixels outside the image.
 
         All other bodies are removed from an image of twice the width and height around the same center.
         """
@@ -157,7 +157,7 @@ class FramingView:
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
-    """Return the scene names of the objects in the steps of an instruction, in order."""
+    """Return the scene names of the objects in an instruction's steps, in order."""
     names: dict[str, None] = {}
     for step in condition.instruction.subgoals:
         found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]
@@ -179,10 +179,12 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return the minimum distance of slots and target regions from the image edge at all jitters [m]; negative outside.
+    """Return the minimum distance of slots and target regions from the image edge over all jitters [m].
 
-    A slot is extended by its whole jitter. A target region is represented by its corners, over the jitter of its slot,
-    and with open drawers. Distances are those at the depth of the point.
+    The distance is negative outside.
+
+    A slot is extended by its full jitter. A target region is represented by its corners, over the jitter of its slot,
+    and with open drawers. Distances are measured at the point's depth.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -227,7 +229,7 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
 
 
 def _slot_below(condition: Condition, name: str) -> str:
-    """Return the slot of an object, or of the object in which it is mounted or on which it is pre-placed."""
+    """Return an object's slot, or the slot of the object in which it is mounted or on which it is pre-placed."""
     while name not in condition.layout:
         mount = condition.object(name).mount
         name = condition.preplaced[name].target if mount is None else mount.target

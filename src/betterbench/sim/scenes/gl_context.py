@@ -1,7 +1,7 @@
-"""The OpenGL context of this process: its back end, its thread, and the reading of pixels.
+"""This process's OpenGL context: its back end, its thread, and the reading of pixels.
 
-A process has one context, made at first use and shared by all its renderers. Rendering belongs to the thread of the
-first renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a context is refused.
+A process has one context, made at first use and shared by all its renderers. Rendering belongs to the first renderer's
+thread, and worker processes must be started with the ``spawn`` method: a forked copy of a context is rejected.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SPAWN = (
 
 
 class _GLContext(Protocol):
-    """Common interface of the contexts of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw``."""
+    """Common interface of the contexts in ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw``."""
 
     def make_current(self) -> None: ...
 
@@ -85,7 +85,8 @@ def make_current() -> None:
     """Make this process's OpenGL context current, creating it on first use."""
     known = CONTEXT.query
     if known is not None and CONTEXT.thread == threading.get_ident() and CONTEXT.pid == os.getpid():
-        # Querying EGL for the current context takes 1 us, making one current 50 us: 1 % of an image of the fast preset.
+        # Querying EGL for the current context takes 1 us, making a context current takes 50 us: 1 % of an image in the
+        # fast preset.
         if known() != CONTEXT.handle and CONTEXT.gl is not None:
             CONTEXT.gl.make_current()
         return

@@ -1,6 +1,6 @@
 """Export of a compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
 
-The frame of a file is that of its body, in meters and with z up. A file contains one mesh per material: the visible
+A file's frame is its body's frame, in meters and with z up. A file contains one mesh per material: the visible
 shapes in their colors, with the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
 """
 
@@ -32,13 +32,13 @@ class Surface:
     faces: np.ndarray
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> Surface:
-        """Return it in the frame of the body: rotated by (3, 3), then moved by (3,) [m]."""
+        """Return it in the body's frame: rotated by (3, 3), then moved by (3,) [m]."""
         turned = self.positions @ rotation.T + position
         return Surface(turned, self.normals @ rotation.T, self.coordinates, self.faces)
 
 
 def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
-    """Return the GLB of every body that has a visible shape, by the number of the body."""
+    """Return the GLB of every body that has a visible shape, by body number."""
     looks: dict[int, dict[tuple[float, ...], list[Surface]]] = {}
     for geom in range(model.ngeom):
         color, texture = _look(model, geom)
@@ -50,7 +50,7 @@ def body_files(model: mujoco.MjModel) -> dict[int, bytes]:
 
 
 def surface_in_body(model: mujoco.MjModel, geom: int) -> Surface:
-    """Return a shape in the frame of its body; primitives and planes as in :func:`body_files`."""
+    """Return a shape in its body's frame; primitives and planes as in :func:`body_files`."""
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
     return _surface(model, geom).moved(model.geom_pos[geom], rotation.reshape(3, 3))

@@ -37,7 +37,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 class GripperBench:
-    """The floating gripper of a model, opened and drawn back from a grasp of the asset named "asset", which rests."""
+    """A model's floating gripper, opened and drawn back from a grasp of the asset named "asset", which is at rest."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class GripperBench:
         Args:
             model: A table with the asset and the gripper of :func:`add_floating_gripper`.
             data: Its state, which is changed.
-            robot: Description of the robot.
+            robot: Robot description.
             step: Takes one physics step.
             rest: Pose ``T_world_object`` at rest.
             grasp: The grasp.

@@ -1,4 +1,4 @@
-"""Instance ids of the bodies of a model, and bounding boxes of its objects."""
+"""Instance ids for a model's bodies, and bounding boxes for its objects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE
 from betterbench.sim.robots import robot
 
 ROBOT_PREFIX = "robot/"
-"""Prefix of the names of the robot's parts in the model of a scene."""
+"""Prefix for the names of the robot's parts in a scene model."""
 
 _OBJECT = re.compile(r"object(\d+)_")
 _VISIBLE_GROUPS = 3
@@ -19,7 +19,7 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 def object_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return the (n,) body ids of a model's objects, in the order of its scene."""
+    """Return the (n,) body ids of a model's objects, in scene order."""
     found = {}
     for body in range(model.nbody):
         match = _OBJECT.match(model.body(body).name)
@@ -29,7 +29,7 @@ def object_bodies(model: mujoco.MjModel) -> np.ndarray:
 
 
 def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> np.ndarray:
-    """Return the (nbody,) uint16 instance id of each body; all links of the arm are one instance."""
+    """Return each body's instance id, (nbody,) uint16; all links of the arm are one instance."""
     description = robot(robot_name)
     instances = np.full(model.nbody, 1 + STAGE.index("other"), dtype=np.uint16)
     for body in range(model.nbody):
@@ -44,7 +44,7 @@ def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> 
 
 
 def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 3) float64: center and half extents of the visible shape of some bodies, in their frames [m].
+    """Return (n, 2, 3) float64: center and half extents of some bodies' visible shapes, in the body frames [m].
 
     The boxes are tight for meshes and boxes; round shapes are represented by their own bounding boxes.
     """

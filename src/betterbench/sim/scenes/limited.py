@@ -4,7 +4,7 @@ MuJoCo's reader trusts such files: a forged file can crash the reader, make it h
 therefore has limits for memory and time, and returns only pixels or a text, never an object.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
-a process ended is therefore repeated once in a new process; the request is refused only if the new process ends too.
+a process ended is therefore repeated once in a new process; it is rejected only if the new process ends too.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _Number = Annotated[int, Field(ge=0, le=0xFFFF)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """The JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the renderer of the process."""
+    """The JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
 
     instances: list[_Number]
     object_bodies: list[_Number]
@@ -76,10 +76,10 @@ class _EndedError(RecordError):
 
 
 class LimitedView:
-    """Renderer of recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
+    """Renderer for recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
-        """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel].
+        """Start the process; ``size`` is the side length of the images from :meth:`draw` [pixel].
 
         Raises GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
         """
@@ -130,7 +130,10 @@ class LimitedView:
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def open_of(self, run: RunFolder, record: Record) -> None:
-        """Open the stored scene of a record of a run, unless it is open; raises the errors of :meth:`open`."""
+        """Open the stored scene of a run's record, unless it is already open.
+
+        Raises the same errors as :meth:`open`.
+        """
         m = record.metadata
         digest = run.scene_digest(TrialId(m.task, m.condition, m.seed))
         scene = (m.scene_hash, digest or str(run.path))
@@ -139,7 +142,10 @@ class LimitedView:
             self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
-        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises the errors of :meth:`open`."""
+        """Return the view of one recorded state, (nq,), as (size, size, 3) uint8.
+
+        Raises the same errors as :meth:`open`.
+        """
         numbers = np.asarray(qpos, dtype=np.float64).tobytes()
         request = {"camera": camera, "jitter": jitter.to_json()}
         pixels = self._at_most_twice(lambda: self._ask(request, numbers))
@@ -163,8 +169,8 @@ class LimitedView:
     ) -> tuple[ModelFacts, dict[str, str]]:
         """Prepare to render sights of the open scene; return their common properties, and OpenGL's fingerprint.
 
-        ``gripper`` is that of :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for the same scene
-        is reused. Raises the errors of :meth:`open`.
+        ``gripper`` has the same meaning as in :class:`~betterbench.sim.scenes.sights.Sights`. The last preparation for
+        the same scene is reused. Raises the errors of :meth:`open`.
         """
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
@@ -227,7 +233,7 @@ class LimitedView:
 
     @property
     def row_bytes(self) -> int:
-        """Size of the sights of one row [byte]."""
+        """Size of one row's sights [byte]."""
         return sum(kind.itemsize for kind in self._types)
 
     @property
@@ -237,7 +243,7 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was asked to end."""
+        """Whether the process has ended, or was requested to end."""
         return self._process.is_closed
 
     def stop(self) -> None:
@@ -264,7 +270,7 @@ class LimitedView:
 
     @contextlib.contextmanager
     def _told_plainly(self) -> Iterator[None]:
-        """Turn the errors of the process into those of a stored scene."""
+        """Turn process errors into stored scene errors."""
         try:
             yield
         except RefusedError as problem:
@@ -303,7 +309,7 @@ class LimitedView:
 
 
 class _Drawer:
-    """State of the process between two requests: a scene, its view, and the renderer of its sights."""
+    """Process state between two requests: a scene, its view, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size

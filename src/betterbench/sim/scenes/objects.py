@@ -15,9 +15,11 @@ from betterbench.sim.robots.physics import PHYSICS
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
 ROLLING_DAMPING = 3e-4
-"""Angular damping of a free object [N m s/rad], instead of rolling friction: without any, a pushed orange rocks for a
-minute. The rolling resistance of fruit on wood, about 2 % of its weight at its radius, has the same effect on an orange
-rolling at 4 rad/s. The same number as linear damping [N s/m] takes less than 1 % of the speed per second."""
+"""Angular damping of a free object [N m s/rad], used instead of rolling friction: without any damping, a pushed orange
+rocks for a minute. The rolling resistance of fruit on wood, about 2 % of its weight at its radius, has the same effect
+on an orange that rolls at 4 rad/s. The same number as linear damping [N s/m] takes less than 1 % of the speed per
+second.
+"""
 
 _TYPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -39,7 +41,7 @@ class DrawerRail:
 
 
 def rail_of(asset: Asset) -> DrawerRail:
-    """Return the rail of a drawer, from the parameters of its asset."""
+    """Return the rail of a drawer, from its asset's parameters."""
     p = asset.parameters
     return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 
@@ -135,10 +137,10 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 
 @functools.lru_cache(maxsize=512)
 def rest_pose(asset: Asset) -> Pose:
-    """Return the pose ``T_surface_object`` in which an asset rests on a flat surface through the origin of its frame.
+    """Return the pose ``T_surface_object`` of an asset at rest on a flat surface through the origin of its frame.
 
-    The asset settles alone from its nominal pose, which changes the pose by a contact depth of a fraction of a
-    millimeter and a tilt below a tenth of a degree. The result depends only on the asset, not on neighbors.
+    The asset settles alone from its nominal pose; this changes the pose by a contact depth below a millimeter and a
+    tilt below a tenth of a degree. The result depends only on the asset, not on neighbors.
     """
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)

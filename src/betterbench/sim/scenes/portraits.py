@@ -17,7 +17,7 @@ _FIELD_DEGREES = 45.0
 _DOWN = math.radians(35.0)
 """Downward angle of the camera, as for the front camera of scenes [rad]."""
 _FILLED = 0.72
-"""Diagonal of the asset's box as a share of the picture."""
+"""Diagonal of the asset's box as a fraction of the picture."""
 _SMALLER = 2
 """Number of pixels averaged along each side, to smooth edges."""
 

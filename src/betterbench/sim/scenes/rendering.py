@@ -1,10 +1,9 @@
-"""Images of a scene: color, depth and instance masks from MuJoCo's classic off-screen renderer.
+"""Scene images: color, depth and instance masks from MuJoCo's classic off-screen renderer.
 
 A *color pass* renders lights, textures and shadows into the multisampled buffer. A *geometry pass* renders every
 visible shape in a flat color that encodes its index into the plain buffer, with one sample at each pixel's center, and
-gives both depth and masks; ids are never blended with neighbors. Color with depth takes one pass if that gives the
-same depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the
-quality.
+gives both depth and masks; ids are never blended with neighbors. Color with depth takes one pass if that gives the same
+depth (no multisampling, nothing transparent), otherwise two. Depth and masks therefore never depend on the quality.
 
 All images are upright: row 0 is the top. Every returned array belongs to the caller.
 """
@@ -33,9 +32,9 @@ logger = logging.getLogger(__name__)
 NO_BODY = -1
 """Value of a mask where the image has no body: the sky."""
 
-# Room for other elements of a scene besides its geoms; there are none, so a small margin is enough.
+# Capacity for scene elements other than geoms; there are none, so a small margin is enough.
 _SPARE_GEOMS = 16
-_HIDDEN_GROUP = 3  # this group and those after it are never shown
+_HIDDEN_GROUP = 3  # this group and all later groups are never shown
 _ALONE_GROUP = 5
 """Group of geoms that is never visible; geoms are moved here while others are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
@@ -46,7 +45,7 @@ _FONT_SCALE = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """Images of one view of a scene; those that were not requested are None.
+    """Images of one view of a scene; images that were not requested are None.
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.
@@ -64,9 +63,9 @@ class Images:
 class Renderer:
     """Renderer of one model. It may be used as a context manager; :meth:`close` frees its buffers.
 
-    Creation uploads the model's meshes and textures (5 to 50 ms here; the first renderer of a process also makes the
-    OpenGL context, 0.1 to 0.3 s), so keep a renderer as long as its model. Poses, colors and materials may change
-    between images; meshes and textures may not. The quality overrides the model's own visual settings.
+    Creation uploads the model's meshes and textures (5 to 50 ms here; a process's first renderer also makes the OpenGL
+    context, 0.1 to 0.3 s), so keep a renderer as long as its model. Poses, colors and materials may change between
+    images; meshes and textures may not. The quality overrides the model's own visual settings.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -313,8 +312,8 @@ class Renderer:
     def _segment_table(self) -> np.ndarray:
         """Return the (n,) int32 body id by segment index plus one; entry 0 is the background.
 
-        MuJoCo numbers the rendered geoms in the order of the model and skips invisible ones, so the table depends only
-        on which geoms have an opacity of zero.
+        MuJoCo numbers the rendered geoms in model order and skips invisible geoms, so the table depends only on which
+        geoms have an opacity of zero.
         """
         model = self.model
         key = (model.geom_rgba[:, 3] > 0.0).tobytes() + (model.mat_rgba[:, 3] > 0.0).tobytes()
@@ -388,15 +387,15 @@ def _visible_groups() -> mujoco.MjvOption:
 
 
 class Renderers:
-    """Cache of the renderers of the last models, because making a renderer takes tens of milliseconds."""
+    """Cache with the renderers of the last models, because making a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
-        """Prepare; ``most`` is the number of cached renderers, one per model."""
+        """Prepare the cache; ``most`` is the number of cached renderers, one per model."""
         self._most = max(1, most)
         self._kept: OrderedDict[str, Renderer] = OrderedDict()
 
     def of(self, key: str, model: mujoco.MjModel, *, width: int, height: int, quality: Quality) -> Renderer:
-        """Return the renderer of a model, whose name is ``key``; width and height are those of its largest image."""
+        """Return the renderer of the model named ``key``; width and height are the size of its largest image."""
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]

@@ -1,6 +1,6 @@
 """Rooms: table top, wall, floor and light of a scene, drawn by a trial's seed.
 
-No table top has a color of the instructions: reds, blues, yellows, bright greens, white, black and the browns of food
+No table top has a color that instructions use: reds, blues, yellows, bright greens, white, black and the browns of food
 are visible on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that no color is clipped
 and white stays distinguishable from light gray.
 """
@@ -18,7 +18,7 @@ class Light:
     """Light of a room, from two directions and uniformly from all directions.
 
     Attributes:
-        key_direction: Direction of the light that casts the shadow; it need not be of length 1.
+        key_direction: Direction of the light that casts the shadow; it need not have length 1.
         key: Color (r, g, b) of that light, each in [0, 1].
         ambient: Color of the uniform light.
         fill: Brightness of the second light, from the other side without a shadow.

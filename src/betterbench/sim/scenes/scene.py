@@ -198,11 +198,11 @@ class Scene:
         return self._data
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return views of the state of the physics: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        """Return views of the physics state: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
         return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies of the model."""
+        """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies in the model."""
         return self._data.xpos.copy(), self._data.xquat.copy()
 
     @property
@@ -229,7 +229,7 @@ class Scene:
         return GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=self.control_rate_hz)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the description of the scene for the record."""
+        """Return the scene's description for the record."""
         return SceneDescription(
             task_version=self.task.version,
             suite_version=SUITE_VERSION,
@@ -269,7 +269,7 @@ class Scene:
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Reset the scene to the start of the trial and return the state.
 
-        With ``check_premise``, raises a PremiseError if the scene contradicts the premise of its instruction.
+        With ``check_premise``, raises a PremiseError if the scene contradicts its instruction's premise.
         """
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
@@ -303,7 +303,7 @@ class Scene:
         )
 
     def restore(self, snapshot: SceneSnapshot) -> WorldState:
-        """Restore a moment of this scene, any number of times, and return the state."""
+        """Restore a saved moment of this scene, any number of times, and return the state."""
         mujoco.mj_copyData(self._data, self.model, snapshot.data)
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)

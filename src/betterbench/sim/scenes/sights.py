@@ -31,7 +31,7 @@ _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=
 _NO_BOX = (-1, -1, -1, -1)
 
 GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIES))
-"""Instance ids of the parts of the gripper."""
+"""Instance ids of the gripper's parts."""
 
 
 def sight_type(
@@ -64,7 +64,7 @@ def sight_type(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFacts:
-    """Properties of a model that are common to all its sights.
+    """Properties of a model that all its sights have in common.
 
     Attributes:
         instances: (bodies,) instance id of each body.
@@ -92,7 +92,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """A part of an image that contains an object, the object's lowest height [m], and its farthest depth [m]."""
+    """An image region that contains an object, the object's lowest height [m], and its farthest depth [m]."""
 
     rect: Box
     low_m: float
@@ -100,7 +100,7 @@ class _Part:
 
 
 class Sights:
-    """Renderer of the same views of one model, state after state."""
+    """Renderer for the same views of one model, state after state."""
 
     def __init__(
         self,
@@ -138,9 +138,9 @@ class Sights:
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
     def draw(self, data: mujoco.MjData) -> Iterator[np.ndarray]:
-        """Yield the sight of each view, a scalar of its type in :attr:`types`, in the order of the views.
+        """Yield the sight of each view, a scalar of its type in :attr:`types`, in view order.
 
-        Poses of bodies, cameras and lights must be up to date; raises the errors of ``Renderer.render``.
+        Poses of bodies, cameras and lights must be up to date; raises the same errors as ``Renderer.render``.
         """
         for number, view in enumerate(self.views):
             yield self._sight(data, number, view)
@@ -206,7 +206,7 @@ class Sights:
             sight["full_pixels"][i], sight["full_box"][i] = outline
 
     def _parts(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[_Part | None]:
-        """Return for each object a part of the image that contains all of it, or None if it is outside the image."""
+        """Return for each object an image region that contains all of it, or None if it is outside the image."""
         rotations = data.xmat.take(self._bodies, 0).reshape(-1, 1, 3, 3)
         points = np.matmul(rotations, self._corners[..., None])[..., 0] + data.xpos.take(self._bodies, 0)[:, None]
         pixels, depth = matrices.project(points.reshape(-1, 3))
@@ -227,7 +227,7 @@ class Sights:
         return parts
 
     def _may_be_hidden(self, drawn: _Drawn, body: int, part: _Part) -> bool:
-        """Tell whether, within the image part of an object, another body may be in front of it.
+        """Tell whether, within an object's image region, another body may be in front of it.
 
         For a camera above the table, neither table nor floor occludes an object above the table.
         """
@@ -240,7 +240,7 @@ class Sights:
     def _full_outlines(
         self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
     ) -> list[tuple[int, tuple[int, Box]]]:
-        """Return pixels and box of the unoccluded outlines of some objects, by their indices.
+        """Return pixels and box of some objects' unoccluded outlines, by object index.
 
         Objects with separate image parts are rendered together. An outline is reused while neither the object nor the
         camera has moved.
@@ -274,7 +274,7 @@ class Sights:
 
 
 class StoredSights:
-    """Renderer of recorded states of a stored scene."""
+    """Renderer for recorded states of a stored scene."""
 
     def __init__(
         self,
@@ -311,7 +311,7 @@ def _apart(a: Box, b: Box) -> bool:
 
 
 def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
-    """Return the number of pixels of a body in a part of a mask, and the tight box around them."""
+    """Return the number of a body's pixels in part of a mask, and the tight box around them."""
     left, top, right, bottom = rect
     hit = masks[top:bottom, left:right] == body
     rows = np.flatnonzero(hit.any(axis=1))

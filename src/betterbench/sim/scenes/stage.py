@@ -1,4 +1,4 @@
-"""The base scene: the empty world of every task, and the quality presets of its images.
+"""The base scene: the empty world used by every task, and the quality presets for its images.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
@@ -67,7 +67,7 @@ _MAX_SHADOW_MAP = 8192
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Render preset of images; part of every record, because pixels differ between presets.
+    """Render preset for images; part of every record, because pixels differ between presets.
 
     Depth and masks do not depend on the quality: they are always sampled at pixel centers.
 
@@ -84,7 +84,7 @@ class Quality:
     samples: int
 
     def __post_init__(self) -> None:
-        """Refuse values that OpenGL does not support."""
+        """Reject values that OpenGL does not support."""
         if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
             raise InvalidInputError(
                 "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"
@@ -102,7 +102,7 @@ class Quality:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Return the quality of a JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
+        """Return the quality from its JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
         try:
             return _QUALITY.validate_json(json.dumps(dict(value)))
         except ValidationError as error:
@@ -127,7 +127,7 @@ QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, 
 
 
 def require_cameras(names: Iterable[str]) -> None:
-    """Raise UnknownNameError if scenes have no camera of one of these names."""
+    """Raise UnknownNameError if scenes have no camera with one of these names."""
     known = (*CAMERAS, WRIST_CAMERA)
     unknown = next((name for name in names if name not in known), None)
     if unknown is not None:
@@ -162,30 +162,30 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
 def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
     """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera mounted at the flange.
 
-    In the frame of the hand z points out between the fingers (fingertips at about 0.11 m), y is the opening direction
-    of the fingers, and x points away from the robot when the hand points down. The camera looks past the fingers at the
-    object to grasp. The image's up direction is the hand's +x: with the hand pointing down, up is away from the robot
-    and left is the robot's left.
+    In the hand frame, z points out between the fingers (fingertips at about 0.11 m), y is the finger opening direction,
+    and x points away from the robot when the hand points down. The camera looks past the fingers at the object to
+    grasp. The image's up direction is the hand's +x: with the hand pointing down, up is away from the robot and left is
+    the robot's left.
     """
     position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
     return add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
-    """Set everything that MuJoCo would otherwise derive from the content of the scene, and write the quality."""
+    """Set everything that MuJoCo would otherwise derive from the scene's content, and write the quality."""
     # With a fixed extent, clipping planes and shadow bounds do not depend on the objects on the table.
     spec.stat.extent = 1.0
     spec.stat.center = [0.5, 0.0, 0.0]
     visual = spec.visual
     visual.map.znear = 0.01
     visual.map.zfar = 20.0
-    # The key light's shadow map spans +-1.1 m about its target point: the table and the arm above it. With 0.8 m the
-    # corner of the table would be at the edge of the map, with speckles of false shadow.
+    # The key light's shadow map spans +-1.1 m about its target point: the table and the arm above it. With 0.8 m, the
+    # table corner would be at the edge of the map, with speckles of false shadow.
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
     # Flat surfaces are evenly lit under directional light, so subdividing them into quads gains nothing and costs about
-    # 10 % of the render time of an image.
+    # 10 % of an image's render time.
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
@@ -265,7 +265,7 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
-    """Add a key light that may cast the one shadow, and a fill light from the other side."""
+    """Add a key light that may cast the only shadow, and a fill light from the other side."""
     aim = np.array([0.45, 0.0, 0.1])
     for name, direction, diffuse, specular in (
         (KEY_LIGHT, light.key_direction, list(light.key), 0.3),
@@ -288,7 +288,7 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
     """Add the four fixed cameras."""
     world = spec.worldbody
     add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
-    # Positions and lens of the paper's own release; all three cameras look at the table's center.
+    # Positions and lens from the paper's own release; all three cameras look at the table's center.
     add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
     add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
     add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)

@@ -77,7 +77,7 @@ class StoredState:
 
 
 class StoredView:
-    """Renderer of recorded states of one stored scene."""
+    """Renderer for recorded states of one stored scene."""
 
     def __init__(self, model: mujoco.MjModel, quality: Quality, *, width: int, height: int) -> None:
         """Prepare a renderer for a model; sizes in pixels."""
@@ -87,7 +87,7 @@ class StoredView:
     def draw(
         self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter, depth: bool = False, masks: bool = False
     ) -> Images:
-        """Return the view of one recorded state, (nq,), with the record's jitter of cameras and light.
+        """Return the view of one recorded state, (nq,), with the record's camera and light jitter.
 
         Raises RecordError if the record belongs to another model.
         """

@@ -1,7 +1,7 @@
 """Surfaces of table tops, painted as textures: materials that differ in pattern, not only in tint.
 
-Strong patterns are coarse, and fine ones are faint: at 256 pixels an image of the front camera has about 2.7 mm of
-table per pixel, and stripes or grains of that size in strong contrast would cause moire.
+Strong patterns are coarse and fine patterns are faint: at 256 pixels, a front camera image has about 2.7 mm of table
+per pixel, and high-contrast stripes or grains of that size would cause moire.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _stone(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _terrazzo(color: np.ndarray, size: int) -> np.ndarray:
-    """Return chips of lighter and darker stone of one to three centimeters in an even ground."""
+    """Return chips of lighter and darker stone, one to three centimeters wide, on an even ground."""
     rng = np.random.default_rng(20_016)
     brightness = 1.0 + 0.02 * _smooth_noise(rng, size, (96, 96))
     for cells, level, tone in ((70, 0.66, 0.09), (90, 0.70, -0.14), (80, 0.70, -0.07)):
@@ -115,7 +115,7 @@ def _tiles(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _checks(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a table cloth with checks of twelve centimeters, woven from two tones of one color."""
+    """Return a table cloth with twelve-centimeter checks, woven from two tones of one color."""
     rng = np.random.default_rng(20_019)
     wave = np.tanh(6.0 * np.sin(np.arange(size) * (2.0 * math.pi * 5 / size)))
     return _to_pixels(color, 1.0 + 0.05 * (wave[:, None] + wave[None, :]) + 0.02 * _smooth_noise(rng, size, (96, 96)))

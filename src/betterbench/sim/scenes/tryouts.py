@@ -25,7 +25,7 @@ DROP_M = 0.03
 """Height from which an asset is dropped [m]."""
 _WATCHED_S, _STILL_S = 2.0, 0.5
 _STILL_M_S = 0.004
-"""Speed of the surface below which an asset lies still [m/s]."""
+"""Surface speed below which an asset is at rest [m/s]."""
 _TIPPED_DEGREES = 8.0
 _APPROACH_M, _LIFT_M = 0.08, 0.12
 _CLOSE_S, _HOLD_S = 0.9, 0.5
@@ -35,13 +35,13 @@ _SLIP_M, _SWING_DEGREES = 0.010, 15.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tryout:
-    """Outcome of a trial.
+    """Trial outcome.
 
     Attributes:
         passed: Whether the asset did what it should.
         sentence: Result in one sentence.
         asset: (T, 7) positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`.
-        gripper: The same for the bodies of the gripper by name ("hand", "left_finger", "right_finger"); empty without.
+        gripper: The same for the gripper's bodies by name ("hand", "left_finger", "right_finger"); empty without.
     """
 
     passed: bool
@@ -118,7 +118,7 @@ def try_drop(asset: Asset) -> Tryout:
 
 
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
-    """Lift an asset from a table by one grasp with the gripper of the Panda, and tell whether it is held."""
+    """Lift an asset from a table by one grasp with the Panda gripper, and tell whether it is held."""
     rest = rest_pose(asset)
     spec = table_model()
     add_asset(spec, "asset", asset)
@@ -168,7 +168,7 @@ def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def gripper_glbs() -> dict[str, bytes]:
-    """Return the visual meshes of the bodies of the Panda's gripper as GLB, each in its own frame."""
+    """Return the visual meshes of the Panda gripper's bodies as GLB, each in its own frame."""
     from betterbench.sim.robots.spec import build_robot_spec, robot  # noqa: PLC0415 - only the page shows it
 
     known = robot("panda")
@@ -178,7 +178,7 @@ def gripper_glbs() -> dict[str, bytes]:
 
 
 def gripper_poses(width_m: float) -> dict[str, Pose]:
-    """Return ``T_tcp_body`` of the bodies of the gripper, opened by a width [m]."""
+    """Return ``T_tcp_body`` of the gripper's bodies, opened by a width [m]."""
     spec = mujoco.MjSpec()
     PHYSICS.set_solver(spec)
     robot = add_floating_gripper(spec)

@@ -1,4 +1,4 @@
-"""Worlds: the simulated environments of trials, ours and those of other benchmarks.
+"""Worlds: the simulated environments for trials, both ours and those of other benchmarks.
 
 - ``world``: interfaces of worlds and scenes; ``registry``: all worlds by name.
 - ``betterbench``, ``libero``, ``libero_plus``, ``calvin``: one folder for each.

@@ -35,7 +35,7 @@ class _Task:
 
 
 class BareScene(ABC):
-    """Scene with the positions of a hand and objects as state, and a set of named relations as goal.
+    """Scene with the positions of a hand and objects as its state, and a set of named relations as its goal.
 
     A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and names the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
@@ -132,7 +132,7 @@ class BareScene(ABC):
         return BareTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the description of the scene for the record."""
+        """Return the scene's description for the record."""
         return SceneDescription(
             task_version=1,
             suite_version=self._suite,
@@ -170,7 +170,7 @@ class BareScene(ABC):
 
 
 class BareTracker:
-    """Tracker of the goal of a :class:`BareScene`, which is met at the first state in which all relations hold."""
+    """Goal tracker for a :class:`BareScene`; the goal is met at the first state in which all relations hold."""
 
     undecided_states: ClassVar[int] = 0
 

@@ -1,4 +1,4 @@
-"""Installation of a simulator into a separate environment, and the program of its process."""
+"""Installation of a simulator into a separate environment, and the program that its process runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.jobs.places import open_in_place
 from betterbench.sim.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
-"""Maximum duration of one step of an installation [s]; LIBERO's packages have 360 MB."""
+"""Maximum duration of one installation step [s]; LIBERO's packages have 360 MB."""
 
 _COMPLETE = "complete"
 _PACKAGE = Path(__file__).resolve().parent
@@ -53,8 +53,8 @@ class Installation:
     """Environment of a world's simulator.
 
     Attributes:
-        name: Name of the world on the command line.
-        lock: Name of the file of locked requirements.
+        name: World name on the command line.
+        lock: Name of the locked requirements file.
         module: Module that the simulator's process runs.
         size: Size of the packages, as a text: download and unpacked.
         summary: Description in a few words.
@@ -77,7 +77,7 @@ class Installation:
 
     @property
     def folder(self) -> Path:
-        """Folder of the environment, which depends on the lock. `make bench` uses LIBERO's folder."""
+        """Environment folder, which depends on the lock. `make bench` uses LIBERO's folder."""
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
@@ -121,7 +121,7 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the lock of the folder and yield its descriptor.
+        """Hold the folder lock and yield its descriptor.
 
         The lock is free when all processes with the descriptor have ended.
         """
@@ -181,7 +181,7 @@ class Installation:
 
 
 def start_code(module: str) -> str:
-    """Return the program that runs the ``main`` function of a module of a world's process."""
+    """Return the program that runs the ``main`` function in a module for a world's process."""
     source = _PACKAGE.parents[2]
     packages = tuple((name, str(source.joinpath(*name.split(".")))) for name in _STAND_INS)
     return _START.format(packages=packages, module=module)

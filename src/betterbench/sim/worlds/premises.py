@@ -1,4 +1,4 @@
-"""Check of the premises of LIBERO's instructions: its scenes must fulfill them with the installed simulator."""
+"""Check of the premises of LIBERO's instructions: the scenes must fulfill them with the installed simulator."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Sideways motion of an object while settling from which it is a jump [m]."""
+"""Sideways motion of an object during settling above which it is a jump [m]."""
 
 
 _MOST_LINE = 1 << 20
@@ -41,13 +41,13 @@ class PremiseEntry:
 
     Attributes:
         task: Index in the suite.
-        instruction: Instruction of the task.
+        instruction: Task instruction.
         states: Number of initial states.
         broken: Initial states in which a premise is false after settling, by relation.
         jumps: Initial states in which an object moves by more than :data:`JUMP_M` while settling, by object.
-        engine: Versions of the simulator and its packages.
+        engine: Simulator versions and its packages.
         bddl_sha256: SHA-256 of the task's file.
-        variant: Name of the variant of LIBERO-Plus; empty for another task.
+        variant: Name of the LIBERO-Plus variant; empty for another task.
     """
 
     suite: str
@@ -71,9 +71,9 @@ class PremiseEntry:
 
 
 def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
-    """Yield the entry of every task of a suite, reusing known entries for the same file and engine.
+    """Yield the entry for every task in a suite, reusing known entries for the same file and engine.
 
-    For LIBERO-Plus, variants with other motions of objects or the robot are checked, in the single state of a run.
+    For LIBERO-Plus, variants with other motions of objects or the robot are checked, in the only state that a run uses.
     Variants that change only images or language have the premises of the base suite.
 
     Raises:
@@ -120,7 +120,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
 
 @dataclass(frozen=True, slots=True)
 class _AskedTask:
-    """A task of a suite, as described by its world; ``variant`` and ``needs`` are those of LIBERO-Plus."""
+    """A task in a suite, as described by its world; ``variant`` and ``needs`` are specific to LIBERO-Plus."""
 
     number: int
     instruction: str
@@ -146,7 +146,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Tell whether the first line of a file is an entry; raises OSError unless it is missing."""
+    """Tell whether the first line of a file is an entry; raises OSError unless the file is missing."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)
@@ -157,7 +157,7 @@ def is_premise_file(path: Path) -> bool:
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
-    """Return the entries in a file of JSON lines, empty if there is no file.
+    """Return the entries in a JSON lines file, empty if the file does not exist.
 
     Raises:
         InvalidInputError: If a line is not an entry.

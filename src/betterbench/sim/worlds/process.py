@@ -34,7 +34,7 @@ _END_S = 5.0
 _LONGEST_TEXT = 10_000
 """Maximum characters of a name, an instruction or a version."""
 _SAID_BYTES = 4000
-"""Length of the end of a simulator's output in which its last line is searched [byte]."""
+"""Number of bytes at the end of a simulator's output in which its last line is searched."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
@@ -70,7 +70,7 @@ def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
 
 
 class WorldProcess(AskedProcess):
-    """Process of a simulator, which ends when its socket is closed. A context manager that ends the process."""
+    """Simulator process, which ends when its socket is closed. A context manager that ends the process."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process; raise WorldError if this fails.
@@ -93,7 +93,7 @@ class WorldProcess(AskedProcess):
         self.close()
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite; WorldError if the simulator fails."""
+        """Return a suite's tasks; WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
@@ -140,12 +140,12 @@ class WorldProcess(AskedProcess):
             return message
         name = missing[1].partition(".")[0]
         return (
-            f"{message}. The environment of the simulator has no module {name}: if its lock does not name it, add the "
-            f"package that holds it (`{package_command(name, python=str(self._python))}`)"
+            f"{message}. The simulator's environment has no module {name}: if its lock does not name it, add the "
+            f"package that contains it (`{package_command(name, python=str(self._python))}`)"
         )
 
     def _last_words(self) -> str:
-        """Return the exit status of the process and the last line of its output, as text; empty if it is running."""
+        """Return the process's exit status and the last line of its output, as text; empty if it is running."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
@@ -155,7 +155,7 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """Processes of one worker: one per running trial, reused for the next trial of the same task.
+    """One worker's processes: one per running trial, reused for the next trial of the same task.
 
     With the key None, a process runs one trial and ends. Its successor is started early, to be loaded when the next
     trial begins.

@@ -1,4 +1,4 @@
-"""Rows: all numbers of a control step as one array, whose form is sent once at the start of an episode.
+"""Rows: all numbers in a control step as one array, whose layout is sent once at the start of an episode.
 
 Between two control steps the processor's caches are cold, and twenty arrays take both sides of the socket twenty times
 as long as one. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
@@ -27,7 +27,7 @@ def form_of(arrays: Mapping[str, np.ndarray]) -> list[list[Any]]:
 
 
 class RowForm:
-    """Form of a row: the position and the shape of each array in it."""
+    """Layout of a row: the position and shape of each array in it."""
 
     def __init__(self, form: object) -> None:
         """Read a form from :func:`form_of`; ValueError or TypeError if it has another structure."""
@@ -54,5 +54,5 @@ class RowForm:
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:
-        """Return the names of the arrays of a row with a non-finite number."""
+        """Return the names of the arrays in a row that contain a non-finite number."""
         return [name for name, place in self.places.items() if not np.isfinite(row[place]).all()]

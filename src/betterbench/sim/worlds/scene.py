@@ -50,9 +50,9 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""Arrays of a row with their number of values; None if it depends on the task."""
+"""Row arrays with their number of values; None if it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
-"""Arrays of a row that have one entry per object, with the number of values of an entry."""
+"""Row arrays that have one entry per object, with the number of values per entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
 """Arrays, (n,) each, sent at each step in addition to the images, with their possible NumPy kinds."""
 _ARRAYS = frozenset(_KINDS)
@@ -84,7 +84,7 @@ class _StartObject:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeStart:
-    """Reply of a simulator to the start of an episode, without ``row``, which :class:`RowForm` reads."""
+    """A simulator's reply to the start of an episode, without ``row``, which :class:`RowForm` reads."""
 
     objects: tuple[_StartObject, ...]
     relations: tuple[str, ...]
@@ -107,11 +107,11 @@ class WorldTask:
     """One task of a suite, as described by its world.
 
     Attributes:
-        suite: Name of the suite ("libero_spatial_swap").
+        suite: Suite name ("libero_spatial_swap").
         number: Its index in the suite.
         name: Its name in the world.
         instruction: Instruction to the policy.
-        bddl_sha256: Fingerprint of its file.
+        bddl_sha256: Its file's fingerprint.
     """
 
     suite: str
@@ -122,12 +122,12 @@ class WorldTask:
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records, from the base suite, because twins share it."""
+        """Task name in plans and records, from the base suite, because twins share it."""
         return task_id(self.suite, self.number)
 
     @property
     def condition(self) -> str:
-        """Name of the condition: the change of the suite, or "base"."""
+        """Condition name: the change of the suite, or "base"."""
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class WorldTask:
 
 
 def task_id(suite: str, number: int) -> str:
-    """Return the name of a task in plans and records ("libero_spatial-05")."""
+    """Return a task's name in plans and records ("libero_spatial-05")."""
     return f"{suite_named(suite).base}-{number:02d}"
 
 
@@ -147,9 +147,9 @@ class ProcessWorld(World):
     Attributes:
         command: Command of the simulator's process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
-        versions: Versions of the packages of its environment.
+        versions: Package versions in its environment.
         regime: Training distribution of the base suite.
-        refuse_broken: Whether a scene that contradicts the premise of its instruction stops the run.
+        refuse_broken: Whether a scene that contradicts its instruction's premise stops the run.
     """
 
     drawn_by: ClassVar[str] = "the simulator's process"
@@ -163,11 +163,11 @@ class ProcessWorld(World):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator; records of different simulators are not compared."""
+        """Simulator name; records of different simulators are not compared."""
         return self.name
 
     def step_limit(self, task: WorldTask) -> int:
-        """Return the maximum control steps of an episode of a task."""
+        """Return the maximum number of control steps in an episode of a task."""
         return self.protocol.steps[suite_named(task.suite).base]
 
     def open_scene(
@@ -182,7 +182,7 @@ class ProcessWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> ProcessScene:
-        """Return the scene of a trial, set up by its reset; with ``depth``, depth images are rendered too."""
+        """Return a trial's scene, set up by its reset; with ``depth``, depth images are rendered too."""
         del options
         scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
@@ -194,12 +194,12 @@ class ProcessWorld(World):
         return ProcessScene
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of a worker, each a process with a slow simulator."""
+        """Return a worker's initial number of environments; each is a process with a slow simulator."""
         del usual
         return PROCESSES
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the conventions of the world in words."""
+        """Return the world's conventions in words."""
         del robot
         return {
             "controller": (
@@ -241,7 +241,7 @@ class ProcessScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
+        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the index of the initial state.
 
         ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
@@ -266,7 +266,7 @@ class ProcessScene:
 
     @property
     def world(self) -> str:
-        """Name of the world in whose terms privileged policies read the state."""
+        """World in whose terms privileged policies read the state."""
         return self.settings.simulator
 
     @property
@@ -291,7 +291,7 @@ class ProcessScene:
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """The relations of the task's file: those of its start, then those of its goal."""
+        """The relations in the task's file: first the start relations, then the goal relations."""
         return tuple(self._fixed["relations"])
 
     @property
@@ -310,7 +310,7 @@ class ProcessScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of a scene: the task's file, and the poses of its objects after settling.
+        """Return a scene's stored files: the task's file, and its objects' poses after settling.
 
         The models themselves belong to the world's packages and are not redistributed.
         """
@@ -322,10 +322,10 @@ class ProcessScene:
         }
 
     def reset(self) -> WorldState:
-        """Go to the initial state, settle, and check that the scene fulfills the premise of the instruction.
+        """Go to the initial state, settle, and check that the scene fulfills the instruction's premise.
 
         Raises:
-            PremiseError: If the scene contradicts the premise, and broken scenes are refused.
+            PremiseError: If the scene contradicts the premise, and broken premises stop the run.
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol
@@ -409,7 +409,7 @@ class ProcessScene:
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays of the simulator: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
+        """Return the simulator's arrays: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
         row, places = self._arrays["row"], self._row.places
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
@@ -446,7 +446,7 @@ class ProcessScene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return the images of this step, rendered by the process, by camera."""
+        """Return this step's images, rendered by the process, by camera."""
         from betterbench.sim.scenes.rendering import Images  # noqa: PLC0415 - a simulator's tests need no renderer
 
         del spec, renderers
@@ -454,7 +454,7 @@ class ProcessScene:
         return {name: Images(image, depth.get(name), None) for name, image in self.images().items()}
 
     def images(self) -> dict[str, np.ndarray]:
-        """Return the images of this step as in LIBERO's clients, rotated by 180 degrees, by camera."""
+        """Return this step's images as in LIBERO's clients, rotated by 180 degrees, by camera."""
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
@@ -513,7 +513,7 @@ class ProcessScene:
         for name in _IMAGES if self._draws_next else ():
             require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
-        # a sum is finite only if all terms are, and takes a third of the time of testing each term
+        # a sum is finite only if all terms are, and computing it takes a third of the time of testing each term
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
         self._document, self._arrays, self._numbers = document, arrays, numbers
@@ -543,7 +543,7 @@ class ProcessScene:
         self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
 
     def _get(self, name: str) -> list[float]:
-        """Return the numbers of one array of the row."""
+        """Return the numbers in one array of the row."""
         return self._numbers[self._row.places[name]]
 
     def _describe(self) -> SceneInfo:
@@ -572,7 +572,7 @@ class ProcessScene:
 
 
 class ProcessTracker:
-    """Tracker of the goal of an episode, like :class:`betterbench.tasks.GoalTracker` in our own scenes."""
+    """Tracker of an episode's goal, like :class:`betterbench.tasks.GoalTracker` in our own scenes."""
 
     def __init__(self, scene: ProcessScene) -> None:
         """Prepare for an episode that has been reset."""

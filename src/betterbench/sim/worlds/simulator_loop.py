@@ -1,4 +1,4 @@
-"""Main loop of the process of a simulator, which answers requests until the run closes the connection.
+"""Main loop of a simulator's process, which answers requests until the run closes the connection.
 
 Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
@@ -25,10 +25,13 @@ class Simulator(Protocol):
     """A simulator with one environment."""
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
+        """Return a suite's tasks: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of the premises and their truth in each state."""
+        """Settle every initial state of a task.
+
+        Return the names of the premises and whether each holds in each state.
+        """
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return the constant properties and the first row."""
@@ -37,7 +40,7 @@ class Simulator(Protocol):
         """Take one control step, and return the row after the step, with images if ``look``."""
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" (n, size, size, 3) of the front camera at n states of a task's scene."""
+        """Return "images" (n, size, size, 3) from the front camera at n states of a task's scene."""
 
 
 def answer_requests(simulator: Simulator, descriptor: int) -> None:

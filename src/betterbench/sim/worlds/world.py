@@ -1,4 +1,4 @@
-"""Interfaces of worlds (the environments of trials) and of scenes in a world."""
+"""Interfaces for worlds (the environments of trials) and for scenes in a world."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ Form = TypeVar("Form")
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """Moment of a trial to render.
+    """Moment in a trial to render.
 
     Attributes:
         scene: Task and condition of the trial as one text ("libero_spatial-05/base").
-        record: Record of the trial.
+        record: Trial record.
         row: Row of the record.
     """
 
@@ -44,14 +44,14 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Choice of the trials of a run.
+    """Choice of a run's trials.
 
     Attributes:
-        suite: Name of the suite.
-        tasks: Tasks to run, by name or number; all of the suite if none is named.
+        suite: Suite name.
+        tasks: Tasks to run, by name or number; default: all tasks in the suite.
         trials: Number of trials in the world's unit; the usual number if None.
         seed: First seed, initial state or chain.
-        options: Options of this world, by name.
+        options: This world's options, by name.
     """
 
     suite: str
@@ -71,7 +71,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Options of a scene that only some worlds have: render preset, robot, and looks of objects."""
+    """Scene options that only some worlds have: render preset, robot, and looks of objects."""
 
     quality: str = "standard"
     robot: str = "panda"
@@ -84,7 +84,7 @@ USUAL_SCENE = SceneOptions()
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Instruction of a trial for the policy."""
+    """Trial instruction for the policy."""
 
     text: str
 
@@ -95,7 +95,7 @@ class Instructed:
 
     Attributes:
         id: Task and condition as one text ("libero_spatial-05/base").
-        name: Name of the condition.
+        name: Condition name.
     """
 
     id: str
@@ -110,15 +110,15 @@ class Instructed:
 
 
 class Named(Protocol):
-    """Task of a scene."""
+    """Scene task."""
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records."""
+        """Task name in plans and records."""
 
 
 class Told(Protocol):
-    """Instruction of a condition."""
+    """Condition instruction."""
 
     @property
     def text(self) -> str:
@@ -126,7 +126,7 @@ class Told(Protocol):
 
 
 class SceneCondition(Protocol):
-    """Condition of a scene."""
+    """Scene condition."""
 
     @property
     def id(self) -> str:
@@ -134,7 +134,7 @@ class SceneCondition(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the condition."""
+        """Condition name."""
 
     @property
     def instruction(self) -> Told:
@@ -150,7 +150,7 @@ class Tracker(Protocol):
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the relation columns of a record."""
+        """Names of a record's relation columns."""
 
     @property
     def subgoal_names(self) -> tuple[str, ...]:
@@ -165,7 +165,7 @@ class Tracker(Protocol):
 
 
 class TrialScene(Protocol):
-    """Interface of the scene of a trial for an episode."""
+    """Interface of a trial's scene for an episode."""
 
     @property
     def world(self) -> str:
@@ -188,15 +188,15 @@ class TrialScene(Protocol):
 
     @property
     def task(self) -> Named:
-        """Task of the trial."""
+        """Trial task."""
 
     @property
     def condition(self) -> SceneCondition:
-        """Condition of the trial, with its instruction."""
+        """Trial condition, with its instruction."""
 
     @property
     def seed(self) -> int:
-        """Seed of the trial."""
+        """Trial seed."""
 
     @property
     def action_space(self) -> ActionSpace:
@@ -240,7 +240,7 @@ class TrialScene(Protocol):
         """Return the judge of an episode, after the reset."""
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return the description of the scene for the record; ``images`` is True if images are rendered."""
+        """Return the scene's description for the record; ``images`` is True if images are rendered."""
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> Mapping[str, Images]:
         """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
@@ -258,8 +258,8 @@ class TrialScene(Protocol):
 class World(ABC):
     """World: tasks, scenes and conventions, as a frozen value.
 
-    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns the trials
-    of a run and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
+    The registered value (:mod:`betterbench.sim.worlds.registry`) describes the world. :meth:`plan` returns a run's
+    trials and the value for ``plan.world``, which may contain additional data of this run. Subclasses are frozen
     dataclasses with picklable fields; the registry pickles worlds by name.
 
     Attributes:
@@ -298,7 +298,7 @@ class World(ABC):
 
     @abstractmethod
     def plan(self, asked: PlanRequest) -> tuple[tuple[Trial, ...], World]:
-        """Return the trials of a run, and the world for the stored plan.
+        """Return a run's trials, and the world for the stored plan.
 
         Raises:
             InvalidInputError: If a number is out of range or nothing is left to run.
@@ -320,13 +320,13 @@ class World(ABC):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> TrialScene:
-        """Return the scene of a trial.
+        """Return a trial's scene.
 
         Args:
-            processes: Pool of processes of :attr:`command`, from which the scene may take one.
-            task: Name of the task.
-            condition: Name of the condition.
-            seed: Seed of the trial.
+            processes: Pool of processes that run :attr:`command`, from which the scene may take one.
+            task: Task name.
+            condition: Condition name.
+            seed: Trial seed.
             action_space: Action space of the run.
             images: Whether the policy gets images.
             depth: Whether the policy also gets depth images.
@@ -342,7 +342,7 @@ class World(ABC):
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the fields of a plan about the world and the versions of its tasks."""
+        """Return the plan fields that describe the world and its task versions."""
         del tasks
         return {"world": self.to_json()}
 
@@ -352,7 +352,7 @@ class World(ABC):
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the conventions of the world in words; ``robot`` is the name of the run's robot."""
+        """Return the world's conventions in words; ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
@@ -363,11 +363,11 @@ class World(ABC):
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:  # noqa: B027 - most need nothing
         """Prepare this machine once, before any worker starts.
 
-        ``on_progress`` is called with the name of the work, the steps done and the total steps.
+        ``on_progress`` is called with the work's name, the steps done and the total steps.
         """
 
     def environments(self, usual: int) -> int:
-        """Return the initial number of environments of a worker whose policy answers from another process."""
+        """Return the initial number of environments for a worker whose policy answers from another process."""
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
@@ -376,7 +376,7 @@ class World(ABC):
         return {}
 
     def in_order(self, trials: Sequence[Trial], *, last: int) -> list[Trial]:
-        """Return the trials in the order of execution, which does not affect results.
+        """Return the trials in execution order, which does not affect results.
 
         Workers wait for the ``last`` trials at the end of a run.
         """
@@ -390,13 +390,13 @@ class World(ABC):
     def photos(
         self, stored: Mapping[str, Any], wanted: Sequence[Photo], *, size: int, where: str
     ) -> Iterator[np.ndarray]:
-        """Yield one image (size, size, 3) for each requested moment of a run.
+        """Yield one image (size, size, 3) for each requested moment in a run.
 
         Args:
-            stored: JSON form of the world in the plan of the run.
+            stored: JSON form of the world in the run plan.
             wanted: Moments, grouped by scene.
             size: Width and height of an image [pixel].
-            where: Name of the file of the plan, for messages.
+            where: Name of the plan file, for messages.
 
         Raises:
             RecordError: If the plan is malformed.

@@ -48,9 +48,9 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
 
     Args:
         name: Name in the scene; it carries no meaning.
-        kind: Noun of the object in instructions; the name with spaces if not given.
-        category: Category of its asset; the kind with underscores if not given.
-        color: Color of its asset, or None to let the generator choose.
+        kind: Object noun in instructions; the name with spaces if not given.
+        category: Its asset's category; the kind with underscores if not given.
+        color: Its asset's color, or None to let the generator choose.
     """
     return _object("item", name, kind, category, color)
 
@@ -155,7 +155,7 @@ def condition(
         layout: Start slot of each object.
         instruction: Instruction with its subgoals.
         *mounted: Drawers, which start in their mounts.
-        preplaced: Objects of the layout that start at a target instead of in their slot.
+        preplaced: Objects in the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with their opening [m].
     """
     if not isinstance(instruction, Instruction):

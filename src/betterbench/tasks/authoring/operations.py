@@ -1,4 +1,4 @@
-"""Operations of interventions as typed values that can be applied, such as ``swap(APPLE, ORANGE)``.
+"""Intervention operations as typed values that can be applied, such as ``swap(APPLE, ORANGE)``.
 
 An operation is a pure function that maps a condition to a changed condition and declares the changes.
 """
@@ -130,7 +130,7 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
 
 @operation
 def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
-    """Remove an object from the scene. No other object may rest at it or slide in it."""
+    """Remove an object from the scene. No other object may rest at the target or slide in it."""
     name = condition.object(object.name).name
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]

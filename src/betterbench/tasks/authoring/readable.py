@@ -10,13 +10,13 @@ from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
 
 LONGEST_TEXT = 2000
-"""Maximum characters of a text of a task, such as its instruction."""
+"""Maximum number of characters in a task text, such as the instruction."""
 
 _NAME = re.compile(r"[^\W_][\w .-]{0,99}")
 
 
 def require_readable(task: Task) -> None:
-    """Check the names of a task, its objects, slots, steps and variations, and all texts.
+    """Check a task's names, its objects, slots, steps and variations, and all texts.
 
     Raises:
         InvalidInputError: If a name is empty, longer than 100 characters or contains characters other than letters,

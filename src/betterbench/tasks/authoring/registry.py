@@ -140,11 +140,11 @@ def suite_tasks(name: str) -> tuple[str, ...]:
     """Return the ids of a suite's tasks.
 
     Args:
-        name: Name of a packaged suite, or the path of a folder with a suite, whose tasks are loaded.
+        name: Name of a packaged suite, or the path of a suite folder, whose tasks are loaded.
 
     Raises:
         UnknownNameError: If the suite does not exist.
-        InvalidInputError: If a file of the folder is damaged, or a task of it has a name that exists.
+        InvalidInputError: If a file in the folder is damaged, or one of its tasks has a name that is taken.
     """
     if name not in SUITES and is_suite_folder(name):
         load_task_files([name])

@@ -58,5 +58,5 @@ class Task:
         return find_named(f"variation of {self.id}", name, self.variations)
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the number of control steps after which an episode of the condition ends."""
+        """Return the number of control steps after which an episode in the condition ends."""
         return self.template.step_limit(condition)

@@ -1,4 +1,4 @@
-"""The JSON form of tasks: a task as data, for programs that write tasks and for people who share them.
+"""The JSON form of tasks: a task as data, for programs that write tasks and people who share them.
 
 ``--task-file my_task.json`` loads a file with this form like a task file in Python, but executes no code.
 """
@@ -272,7 +272,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """Objects and slots of a form by name, and errors that name the path of a field."""
+    """A form's objects and slots by name, and errors that name the path of a field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -466,7 +466,7 @@ def register_task_form(file: TaskFile) -> None:
     """Register the task in a JSON task file.
 
     Raises:
-        InvalidInputError: If the file is not the form of a task, or another file has registered a task of its name.
+        InvalidInputError: If the file is not a task's form, or another file has registered a task of its name.
     """
     made = task_from_json(file.source, where=file.path)
     notes = parse_json(file.source).get("notes", "")

@@ -32,7 +32,7 @@ class ObjectGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class Meta:
-    """Description of a template in words.
+    """Template description in words.
 
     Attributes:
         name: Identifier ("loose_packing").
@@ -55,10 +55,10 @@ class Protocol:
 
     Attributes:
         dwell_s: Time for which the goal must stay true [s].
-        base_steps: Control steps allowed for an episode, in addition to those per subgoal.
+        base_steps: Control steps allowed for an episode, in addition to the steps per subgoal.
         steps_per_subgoal: Control steps allowed for each subgoal. Together, the two limits allow about three times the
             median of the expert, enough for a policy as slow as a human teleoperator (suite, section 3).
-        still_steps: Control steps for which a policy is watched if the right behavior is to stay still.
+        still_steps: Control steps for which a policy is watched if staying still is the right behavior.
     """
 
     dwell_s: float = 0.5
@@ -72,9 +72,9 @@ class Template(Meta, Protocol):
     """Interaction pattern: object groups, relations and protocol.
 
     Attributes:
-        relation: Name of the main relation of its subgoals.
-        also: Further relations of its subgoals.
-        exclusive: Whether only requested objects may satisfy the relation at the end.
+        relation: Name of the main relation in its subgoals.
+        also: Further relations in its subgoals.
+        exclusive: Whether only instructed objects may satisfy the relation at the end.
     """
 
     groups: tuple[ObjectGroup, ...]
@@ -90,7 +90,7 @@ class Template(Meta, Protocol):
 
     @property
     def regions(self) -> tuple[str, ...]:
-        """Regions of a target's asset, by any of these names."""
+        """Regions in a target's asset, by any of these names."""
         return tuple(dict.fromkeys(region for relation in self.relations for region in relation.needs))
 
     @property
@@ -100,13 +100,13 @@ class Template(Meta, Protocol):
         return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
     def step_limit(self, condition: Condition) -> int:
-        """Return the number of control steps after which an episode of the condition ends."""
+        """Return the number of control steps after which an episode in the condition ends."""
         if condition.expected is Expected.STAY_STILL:
             return self.still_steps
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals)
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return the violations of this pattern by a condition; empty if there are none."""
+        """Return how a condition violates this pattern; empty if it does not."""
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)

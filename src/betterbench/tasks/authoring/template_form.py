@@ -105,7 +105,8 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
     """Read the JSON form of a template.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; it names the path.
+        InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; the message names the
+            path.
     """
     read = read_form(_FORM, dict(form), where="template", cure=_CURE)
     relation, *also = read.relations

@@ -1,4 +1,4 @@
-"""The constraint templates of the suite, in the order of its tasks."""
+"""The suite's constraint templates, in task order."""
 
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 
@@ -11,7 +11,7 @@ PATTERNED_ARRANGEMENT = Template(
         "Each named object stands or lies at its named side, cutlery with its head away from the eater, "
         "at rest and released; no other object was brought to a side."
     ),
-    premise="The named objects stand in their slots, and the named sides are free.",
+    premise="The named objects are in their slots, and the named sides are free.",
     groups=(
         ObjectGroup(
             "anchor",
@@ -38,7 +38,7 @@ LOOSE_PACKING = Template(
         "The named objects are inside the container, at rest and released, packed in the named order "
         "where the instruction gives one; nothing else is inside."
     ),
-    premise="The named objects stand in their slots; objects already inside are part of the setup.",
+    premise="The named objects are in their slots; objects already inside are part of the setup.",
     groups=(
         ObjectGroup(
             "container",
@@ -62,7 +62,7 @@ CONSTRAINED_POSITIONING = Template(
     description="Put the named object on the marked region of the fixture, aligned with it.",
     challenge="High-precision alignment with a static fixture of the environment.",
     goal="The named object stands centered on the marked region, upright, with its handle clear, at rest and released.",
-    premise="The named object stands in its slot and the marked region is free, unless nothing is left to do.",
+    premise="The named object is in its slot and the marked region is free, unless nothing is left to do.",
     groups=(
         ObjectGroup(
             "fixture", "Fixture with the marked region.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
@@ -85,7 +85,7 @@ CONTAINER_LOADING = Template(
         "The named objects are in the named drawers, nothing else is in a drawer, and the named drawers "
         "are closed, all at rest and released."
     ),
-    premise="The named objects stand in their slots, and each drawer is open as far as the condition says.",
+    premise="The named objects are in their slots, and each drawer is open as far as the condition says.",
     groups=(
         ObjectGroup("cabinet", "Cabinet of the drawers.", ("cabinet",), (1, 1), role="fixture"),
         ObjectGroup(
@@ -113,10 +113,10 @@ LOGICAL_ASSEMBLY = Template(
     description="Stack the named layers on the base, from below, in the order in which they are named.",
     challenge="Strict order: a layer below cannot be added later.",
     goal=(
-        "The named layers lie on each other in the named order, centered over the base and flat, at rest "
-        "and released; nothing else lies there."
+        "The named layers lie on each other in the named order, centered over the base and flat, at rest and "
+        "released; nothing else is there."
     ),
-    premise="The named layers lie in their slots; layers already on the base are part of the setup.",
+    premise="The named layers are in their slots; layers already on the base are part of the setup.",
     groups=(
         ObjectGroup("base", "Base of the stack.", ("bun", "plate", "tray"), (1, 1), role="container"),
         ObjectGroup("layers", "Requested layers; several may be alike.", ("food layer", "block"), (2, 6), role="item"),
@@ -137,7 +137,7 @@ PRECISION_INSERTION = Template(
         "Each named object stands on the floor of its named hole, upright, at rest and released; nothing "
         "else was put into a hole."
     ),
-    premise="The named objects stand in their slots and their holes are free.",
+    premise="The named objects are in their slots and their holes are free.",
     groups=(
         ObjectGroup("rack", "Object with the holes.", ("rack", "stand", "charger"), (1, 1), role="fixture"),
         ObjectGroup("items", "Objects that may be requested.", ("jar", "bottle", "plug"), (1, 6), role="item"),
@@ -155,10 +155,10 @@ RECURSIVE_STACKING = Template(
     description="Put the named plate on the named plate or stack.",
     challenge="Targets that are moved themselves: a stacked object may carry the next one.",
     goal=(
-        "Each named plate stands in the middle of the named one, flat and touching it, at rest and "
-        "released; nothing else was put on a requested plate."
+        "Each named plate is at the center of the target plate, flat and touching it, at rest and released; nothing "
+        "else was put on an instructed plate."
     ),
-    premise="The named plates stand in their slots or on another plate as the condition says.",
+    premise="The named plates are in their slots or on another plate as the condition says.",
     groups=(
         ObjectGroup(
             "plates",

@@ -1,4 +1,4 @@
-"""Regularities of a task's training conditions, such as the slots that go with each word.
+"""Regularities in a task's training conditions, such as the slots that go with each word.
 
 Variations break these confounds. They are computed from the training conditions, not written by hand, so the two cannot
 disagree.
@@ -16,11 +16,11 @@ class TrainingDistribution:
     """Regularities of a task's training conditions.
 
     Attributes:
-        word_slots: Slots of the instructed object, by word of the instruction.
-        kind_slots: Slots of the instructed object, by kind of object.
-        standing_kinds: Kinds of object at the start, by slot.
-        first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
-        kind_targets: Trained targets by kind of object, as kind of the target, relation and region.
+        word_slots: The instructed object's slots, by instruction word.
+        kind_slots: The instructed object's slots, by object kind.
+        standing_kinds: Object kinds at the start, by slot.
+        first_kinds: Kinds of a demonstration's first object, most frequent first, with their counts.
+        kind_targets: Trained targets by object kind, as target kind, relation and region.
         sequences: Kinds in the order in which they were handled, by training condition.
         initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
@@ -43,17 +43,17 @@ class TrainingDistribution:
 
     @property
     def favorite_slot(self) -> str:
-        """Slot used with the most words of instructions; the first by name on a tie."""
+        """Slot used with the most instruction words; the first by name in case of a tie."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
     @property
     def longest(self) -> int:
-        """Largest number of subgoals of a demonstration."""
+        """Largest number of subgoals in a demonstration."""
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
-        """Return the kinds of object in the instruction of a condition or of training."""
+        """Return the object kinds named in a condition's instruction, or in training instructions."""
         asked = {
             condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
         }
@@ -96,7 +96,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return the instruction of a condition and its initial scene: the kind in each slot, and the open drawers."""
+    """Return a condition's instruction and its initial scene: the kind in each slot, and the open drawers."""
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}

@@ -1,4 +1,4 @@
-"""Application of interventions: the condition of a variation."""
+"""Application of interventions: a variation's condition."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ to its slot. "covered": the test conditions.
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
-    """Return the conditions of a task in a regime; InvalidInputError if the task does not have the regime."""
+    """Return a task's conditions in a regime; InvalidInputError if the task does not have the regime."""
     if regime == "training":
         return task.training
     if regime == "covered":

@@ -16,13 +16,13 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """Condition of a task, with the variation that made it.
+    """Task condition, with the variation that made it.
 
     Attributes:
-        task: The task, with the slots of the condition.
+        task: The task, with the condition's slots.
         condition: The condition itself.
-        variation: The variation that makes it, or None for a condition of training or of a listed regime.
-        changes: Declared changes of its interventions; empty without a variation.
+        variation: The variation that creates it, or None for a training condition or a condition of a listed regime.
+        changes: Changes that its interventions declare; empty without a variation.
     """
 
     task: Task
@@ -32,23 +32,23 @@ class ResolvedCondition:
 
     @property
     def base(self) -> str:
-        """Name of the twin's condition: the training condition of a variation, otherwise the condition itself."""
+        """Name of the twin's condition: a variation's training condition, otherwise the condition itself."""
         return self.condition.name if self.variation is None else self.variation.base
 
     @property
     def axis(self) -> str | None:
-        """Axis of the variation, or None."""
+        """Variation axis, or None."""
         return None if self.variation is None else self.variation.axis.value
 
 
 def condition_names(task: Task) -> tuple[str, ...]:
-    """Return the names of all conditions of a task: training conditions first, then variations."""
+    """Return the names of all task conditions: training conditions first, then variations."""
     return (*(c.name for c in task.training), *(v.name for v in task.variations))
 
 
 @functools.lru_cache(maxsize=1024)
 def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
-    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5", "diverse5").
+    """Return a condition by its task's id and its own name ("train1", "L3", "balanced5", "diverse5").
 
     Raises:
         UnknownNameError: If the task or the condition does not exist.

@@ -1,4 +1,4 @@
-"""Grasp attempts: closings of the gripper within reach of an object or an empty slot, resolved by contacts."""
+"""Grasp attempts: gripper closings within reach of an object or an empty slot, resolved by contacts."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
     The following are not attempts: closing at home or far from all objects, without finger travel, or again on an
     object that is already held. Closings separated only by chatter (short openings) are one attempt. Any object lifted
-    between the fingers was attempted, whatever the command. So was any object that a finger presses on, whatever else
-    is near. Without contact, distances decide.
+    between the fingers was attempted, whatever the gripper command. So was any object on which a finger presses,
+    whatever else is near. Without contact, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -72,9 +72,9 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the times at which the gripper closed fully, low over the table, far from every object and slot.
+    """Return the times at which the gripper closed fully, low over the table and far from every object and slot.
 
-    Such closings are not grasp attempts, because so large a miss does not show which object was meant.
+    Such closings are not grasp attempts, because a miss by this much does not show which object was meant.
     """
     found = []
     for closing in _closings(motion):
@@ -97,7 +97,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the closings of an open, empty gripper with hardly any finger travel, low over the table.
 
-    Such a closing is a grasp attempt only at a requested object.
+    Such a closing is a grasp attempt only at an instructed object.
     """
     found = []
     for closing in _closings(motion):
@@ -140,7 +140,7 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
-    """Return the first and last row of each closing of an empty gripper during a motion of the arm.
+    """Return the first and last row of each closing of an empty gripper while the arm moves.
 
     Such closings are not grasp attempts, because the gripper may only have passed the object.
     """
@@ -153,7 +153,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """Closing of the gripper: row ranges (exclusive ends) separated only by chatter."""
+    """Gripper closing: row ranges (exclusive ends) separated only by chatter."""
 
     parts: tuple[tuple[int, int], ...]
 
@@ -167,7 +167,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Travel of the fingers in a closing: row at which they come to rest, and row before which they are judged."""
+    """Finger travel in a closing: row at which the fingers come to rest, and row before which they are judged."""
 
     settled: int
     limit: int
@@ -232,7 +232,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
     if touched is not None:
         i, end = touched
         slot = None
-        if i in motion.items:  # a container beside a slot is not in the slot
+        if i in motion.items:  # a container next to a slot is not in the slot
             slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
             slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
@@ -340,7 +340,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Tell whether a gripper closes near the table, away from home, and not during a motion."""
+    """Tell whether a gripper closes near the table, away from home, and not while the arm moves."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False

@@ -1,4 +1,4 @@
-"""The goal of a condition, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
+"""A condition's goal, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
 
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
@@ -71,7 +71,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """Number of upcoming states in which the episode cannot succeed, whatever happens."""
+        """Number of upcoming states in which the episode cannot succeed, no matter what happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)

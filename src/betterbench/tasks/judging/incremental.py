@@ -1,7 +1,7 @@
 """Incremental judging: a predicate is evaluated again only after a change in the state that it has read.
 
 At most control steps, one object moves or none. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
-instead of 21.4 µs, on the expert's states of all ten tasks (2026-11-28: 40 recorded episodes, least processor time of
+instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum processor time of
 five rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are identical
 (``tests/tasks/test_incremental.py``).
 """
@@ -21,7 +21,7 @@ _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
 
 
 class JudgingMemory:
-    """Cache of the target regions of all subjects, and of the results derived from these regions.
+    """Cache for the target regions of all subjects, and for the results derived from these regions.
 
     Pass every state of an episode in order, starting at reset.
 
@@ -79,7 +79,7 @@ class JudgingMemory:
             self.relations = self._targets.relations(self._places)
 
     def _note(self, number: int, read: frozenset[str]) -> None:
-        """Store which parts of the state the predicate of a pair has read."""
+        """Store which parts of the state a pair's predicate has read."""
         before, self._read[number] = self._read[number], read
         for name in before - read:
             self._readers[name].discard(number)
@@ -90,12 +90,12 @@ class JudgingMemory:
 class _NotingState(WorldState):
     """State that records the bodies whose pose or contacts a predicate reads.
 
-    If a predicate calls a method that is not listed here, or reads a whole field, it is evaluated more often than
+    If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
     necessary, but never too rarely.
     """
 
     __slots__ = ("read", "state")
-    __class__ = property(lambda _: WorldState)  # dataclasses.replace() makes a new object of these
+    __class__ = property(lambda _: WorldState)  # dataclasses.replace() makes a new object from these
     __setattr__ = object.__setattr__
 
     def __init__(self, info: SceneInfo) -> None:

@@ -31,7 +31,7 @@ class Motion:
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
         force: (T, n) largest normal force with which a finger presses on the object [N].
-        there: (T, n) whether the object is in a region of any target, requested or not; closed drawers are left out.
+        there: (T, n) whether the object is in a region of any target, instructed or not; closed drawers are left out.
         picked: Slots from which training picked an object.
     """
 
@@ -61,7 +61,7 @@ class Motion:
 
     @property
     def pick_slots(self) -> tuple[str, ...]:
-        """Names of the slots except those of containers and fixtures."""
+        """Slot names, except those of containers and fixtures."""
         stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
         return tuple(s.name for s in self.info.slots if s.name not in stands)
 
@@ -128,7 +128,7 @@ class Motion:
         return None if best is None else best[1]
 
     def picked_slot(self, name: str | None) -> PickedSlot | None:
-        """Return a slot from which training picked an object by its name, or None."""
+        """Return a slot from which training picked an object, by the slot name, or None."""
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
@@ -191,8 +191,8 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
     """Return whether the gripper is commanded to close, or kept closed by a zero command; shapes (T,).
 
     The result follows the majority of commands within a quarter second, so flicker or pulses do not hide a closing.
-    Fingers that stay half open for longer without contact have not closed: the gripper was preshaped to the width of an
-    object.
+    Fingers that stay half open for longer without contact have not closed: the gripper was preshaped to an object's
+    width.
 
     Args:
         command: Command of the gripper, above 0 to close, below to open.
@@ -220,8 +220,8 @@ def _told(command: Floats) -> Bools:
 def _most_told(told: Bools, window: int) -> Bools:
     """Return the clear majority of the commands around each row, else the earlier value.
 
-    A majority is clear if it exceeds the other side by more than half of the rows: four of five. A change is dated to
-    the beginning of its commands, so clean commands are returned unchanged.
+    A majority is clear if it exceeds the other side by more than half of the rows: four out of five. A change is dated
+    to the beginning of its commands, so commands without noise are returned unchanged.
     """
     if not (told[1:] != told[:-1]).any():
         return told
@@ -240,7 +240,7 @@ def _most_told(told: Bools, window: int) -> Bools:
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first row of each run of true flags, and the row after its last one."""
+    """Return the first row of each run of true flags, and the row after the run's last row."""
     starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
     return list(zip(starts, stops, strict=True))
 
@@ -294,7 +294,7 @@ class MotionBuilder:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of two lists of vectors, shape (n, 3); numpy's own is slow on short lists."""
+    """Return the cross products of two lists of vectors, shape (n, 3); NumPy's function is slow on short lists."""
     x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

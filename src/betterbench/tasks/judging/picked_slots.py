@@ -1,7 +1,7 @@
-"""Closing points of the gripper in the slots of a task, for comparison with closings on nothing.
+"""The gripper's closing points in a task's slots, for comparison with closings on nothing.
 
 The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
-its rim, 3 to 8 cm from the center. The points come from the annotated grasps of the assets in the order of the expert
+its rim, 3 to 8 cm from the center. The points come from the assets' annotated grasps in the expert's order
 (``tools/closing_points.py`` writes the file), rotated with the slot. Because no demonstrations are measured, the points
 are also available for user tasks with library objects.
 """
@@ -47,12 +47,12 @@ class ClosingPoints:
 
 @dataclass(frozen=True, slots=True)
 class PickedSlot:
-    """Slot of a scene from which demonstrations picked an object.
+    """Scene slot from which demonstrations picked an object.
 
     Attributes:
         middle: Center of the slot, x and y [m], world frame.
-        closings: Closing points of the demonstrations, the center of the slot first: x and y, world frame, and their
-            spread from the slot's jitter and the objects' looks [m].
+        closings: Closing points in the demonstrations, the slot center first: x and y, world frame, and their spread
+            from the slot's jitter and the objects' looks [m].
     """
 
     name: str
@@ -60,7 +60,7 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return the distance of a point from the region of closing points [m], seen from above; 0 inside."""
+        """Return the distance from a point to the region of closing points [m], seen from above; 0 inside."""
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
@@ -87,11 +87,11 @@ def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
 
 
 def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
-    """Return the slots from which training picked an object, in the order of the scene.
+    """Return the slots from which training picked an object, in scene order.
 
     Args:
-        task: Id of the task; an unknown task has no picked slots.
-        info: The scene with the positions of its slots.
+        task: Task id; an unknown task has no picked slots.
+        info: The scene with the slot positions.
     """
     try:
         known = get_task(task)
@@ -117,7 +117,7 @@ def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
 
 
 def _picked_categories(task: Task) -> dict[str, set[str]]:
-    """Return the categories of the picked objects of training, by slot."""
+    """Return the categories of the objects picked in training, by slot."""
     picked: dict[str, set[str]] = {}
     for condition in task.training:
         for goal in condition.instruction.subgoals:

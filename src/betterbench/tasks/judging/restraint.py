@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects to leave alone in a refusal: graspable objects that are not requested.
+    """Return the indices of the objects to leave alone in a refusal: uninstructed graspable objects.
 
     Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """
@@ -52,7 +52,7 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
     """Return the first and last row of the first stay of an open, empty gripper near a forbidden object.
 
     Returns:
-        The two rows and the index of the object, or None if there was no such stay.
+        The two rows and the object index, or None if there was no such stay.
     """
     since = None
     for row in range(motion.rows):
@@ -73,10 +73,11 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first closing in motion whose fingers passed within reach of a forbidden object.
 
-    Where objects may be taken, a closing in motion does not show which object was meant. Here, no closing is allowed.
+    Where objects may be taken, a closing during motion does not show which object was meant. Here, no closing is
+    allowed.
 
     Returns:
-        Its first and last row and the index of the object, or None if there is none.
+        Its first and last row and the object index, or None if there is none.
     """
     for first, last in find_closings_in_motion(motion):
         for row in range(first, last + 1):
@@ -96,7 +97,7 @@ def moved_from_start(motion: Motion) -> Bools:
 
 
 _ROWS_BETWEEN = 5
-"""Interval between checks of the whole motion while the gripper stays near an object [control steps]."""
+"""Interval between checks of the complete motion while the gripper stays near an object [control steps]."""
 
 
 class Restraint:
@@ -115,12 +116,12 @@ class Restraint:
         """Prepare for an episode.
 
         Args:
-            expected: Behavior of a policy that understood the instruction.
+            expected: Behavior of a policy that understands the instruction.
             info: The scene.
             asked: Indices of the objects that may be taken in a refusal.
             rate_hz: Control rate.
             step_limit: Control steps after which the episode ends.
-            picked: Slots from which training picked an object; a closing on nothing there is an attempt.
+            picked: Slots from which training picked an object; closing on nothing at one of them is an attempt.
         """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
@@ -178,7 +179,7 @@ class Restraint:
         )
 
     def _has_to_look(self, state: WorldState) -> bool:
-        """Return whether to check the whole motion now, which takes too long for every control step.
+        """Return whether to check the complete motion now, which takes too long for every control step.
 
         The motion is checked at the last step, at the end of a closing (including chatter), after the time to resolve
         an attempt, and regularly while the gripper stays near an object.
@@ -189,7 +190,7 @@ class Restraint:
         return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
 
     def _stayed_or_attempted(self) -> bool:
-        """Tell whether there was an attempt at a forbidden object, or a stay near it, as in the diagnosis."""
+        """Tell whether there was an attempt at a forbidden object, or a stay near one, as in the diagnosis."""
         motion = self._motion.motion()
         grasps = find_grasps(motion)
         if self._still:

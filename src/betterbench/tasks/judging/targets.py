@@ -31,7 +31,7 @@ class Asked:
 
 
 def asked_by(condition: Condition) -> tuple[Asked, ...]:
-    """Return the subgoals of a condition, with object names of its scene."""
+    """Return a condition's subgoals, with object names of its scene."""
     goals = condition.instruction.subgoals
     return tuple(Asked(g.relation, g.target, g.region, condition.resolve(g.reference), g.count) for g in goals)
 
@@ -47,11 +47,11 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """Requirement of a subgoal: a minimum number of candidate objects at a region of a watched target.
+    """A subgoal's requirement: a minimum number of candidate objects in a region of a watched target.
 
     Attributes:
         watch: Index of the watched target.
-        candidates: Indices, among the subjects, of the possible objects of the subgoal.
+        candidates: Indices, among the subjects, of the subgoal's possible objects.
         least: Required number of them.
     """
 
@@ -73,7 +73,7 @@ class Targets:
     """Watched targets: the requested targets, and other targets of the same kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
-        """Prepare; ``placing`` is the relation for which unrequested objects at the target count as intruders."""
+        """Prepare the check; ``placing`` is the relation for which uninstructed objects at the target are intruders."""
         self.info, self.watches = info, _watches(asked, info)
         self.due = tuple(self._due(a) for a in asked)
         self._placing = placing
@@ -95,7 +95,7 @@ class Targets:
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
         """Return the region of every subject in any posture; ``strictly`` are the strict regions.
 
-        For a wide relation ("beside"), an object that merely stands at that side was not brought there.
+        For a wide relation ("beside"), an object that merely happens to be on that side was not brought there.
         """
         return tuple(
             tuple(
@@ -170,7 +170,7 @@ class Targets:
 
 
 def _watches(asked: Sequence[Asked], info: SceneInfo) -> tuple[Watch, ...]:
-    """Return the requested targets, then other targets of the same kind, such as the wrong drawer."""
+    """Return the instructed targets, then other targets of the same kind, such as the wrong drawer."""
     targets = dict.fromkeys((a.relation, a.target) for a in asked)
     for name, target in tuple(targets):
         like = info.object(target)

@@ -1,4 +1,4 @@
-"""State of a goal at one control step."""
+"""Goal state at one control step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arrangement: the side of an anchor on which an object lies or stands."""
+"""Arrangement: the side of an anchor at which an object is placed."""
 
 import math
 
@@ -24,13 +24,14 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""Words for the same sides in instructions to lay a place setting, whose pieces lie close to the plate."""
+"""Words for the same sides in instructions to lay a place setting, whose pieces are close to the plate."""
 
 REACH = threshold(
     "side_reach",
     0.24,
     "m",
-    "Distance of the foot's center from the edge of an anchor up to which an object is at the anchor's side. People "
+    "Maximum distance from an anchor's edge to the center of an object's base for the object to be at the anchor's "
+    "side. People "
     "accepted the farthest posed scene, at 23.3 cm; tables are not wider.",
     "Larger: farther objects are at the anchor's side; more success, fewer execution_failure and timeout.",
 )
@@ -46,8 +47,8 @@ LEAST = threshold(
     "side_least",
     0.015,
     "m",
-    "Distance of the foot's center from the edge of an anchor from which an object is next to the anchor and not "
-    "under it.",
+    "Minimum distance from an anchor's edge to the center of an object's base for the object to be next to the anchor "
+    "rather than under it.",
     "Larger: objects close to the anchor are not next to it; less success, more execution_failure.",
 )
 BEYOND = threshold(
@@ -62,7 +63,7 @@ DIAGONAL_FROM = threshold(
     "side_diagonal_from",
     math.radians(24.0),
     "rad",
-    "Direction, from right to behind, from which an object is at the upper right; people accepted 25 degrees, and "
+    "Smallest angle, from right to behind, at which an object is at the upper right; people accepted 25 degrees, and "
     "called 21 degrees the right side.",
     "Larger: the upper right is narrower; less success, more execution_failure and behavioral_inertia.",
 )
@@ -70,7 +71,7 @@ DIAGONAL_TO = threshold(
     "side_diagonal_to",
     math.radians(72.0),
     "rad",
-    "Direction, from right to behind, up to which an object is at the upper right; people accepted 69 degrees and "
+    "Largest angle, from right to behind, at which an object is at the upper right; people accepted 69 degrees and "
     "rejected 89 degrees.",
     "Larger: the upper right is wider; more success, fewer execution_failure and timeout.",
 )
@@ -78,7 +79,7 @@ RIGHT_UP_TO = threshold(
     "side_right_up_to",
     math.radians(45.0),
     "rad",
-    "Direction, from right to behind, up to which an object at the upper right is also on the right; people accepted "
+    "Largest angle, from right to behind, at which an object at the upper right is also on the right; people accepted "
     "27 and 40 degrees as on the right.",
     "Larger: more of the upper right is also on the right; more success, fewer execution_failure and timeout.",
 )
@@ -93,15 +94,15 @@ TURN = threshold(
     "side_turn",
     math.radians(45.0),
     "rad",
-    "Angle up to which the head of a long object at a plate points away from the eater; people accepted 24 degrees, "
-    "and rejected 54 and 159 to 179 degrees.",
-    "Larger: cutlery may lie askew; more success, fewer execution_failure.",
+    "Largest angle at which the head of a long object at a plate still points away from the eater; people accepted 24 "
+    "degrees, and rejected 54 and 159 to 179 degrees.",
+    "Larger: cutlery may be askew; more success, fewer execution_failure.",
 )
 LONG_RATIO = threshold(
     "long_ratio",
     1.5,
     "1",
-    "Ratio of length to width from which an object has a direction; a mug with its handle has 1.4.",
+    "Minimum length-to-width ratio for an object to have a direction; a mug with its handle has 1.4.",
     "Larger: fewer objects must keep a direction; more success, fewer execution_failure.",
 )
 
@@ -237,4 +238,4 @@ BESIDE = register(
         wide=True,
     )
 )
-"""Relation of an object that is on a named side of its target."""
+"""Relation between an object and a target, when the object is on a named side of the target."""

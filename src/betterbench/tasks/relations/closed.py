@@ -1,4 +1,4 @@
-"""Articulation: closed drawers, the opening of a drawer, and the drawers to move before one can be loaded."""
+"""Articulation: closed drawers, a drawer's opening, and the drawers to move before one can be loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState
@@ -21,7 +21,7 @@ DRAWN_OUT = threshold(
     "drawn_out",
     0.12,
     "m",
-    "Opening from which a drawer can be loaded; a gripper is 65 mm thick, a stapler 36 mm.",
+    "Minimum opening at which a drawer can be loaded; a gripper is 65 mm thick, a stapler 36 mm.",
     "Larger: a drawer must be opened wider before it can be loaded; more execution_failure of a drawer left halfway, "
     "fewer wrong_object.",
 )
@@ -35,7 +35,7 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the mount of a cabinet in which a drawer is closed, or None while it is open."""
+    """Return the cabinet mount in which a drawer is closed, or None while it is open."""
     frame = state.pose(cabinet)
     position = state.pose(drawer).position
     for region in state.info.object(cabinet).regions:
@@ -61,8 +61,7 @@ def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tupl
 
     A drawer above the target is closed first, then the target itself is opened.
 
-    Returns:
-        Name of the drawer and True to open it, False to close it; None if nothing is in the way.
+    Returns: Drawer name and True to open it, False to close it; None if nothing is in the way.
     """
     drawer = condition.object(target)
     if drawer.mount is None:

@@ -14,14 +14,14 @@ DEPTH = threshold(
     "hole_depth",
     0.004,
     "m",
-    "Height of the foot above the floor of a hole up to which an object stands on the floor.",
+    "Maximum height of an object's base above the floor of a hole for the object to stand on the floor.",
     "Larger: jars may stick higher in their holes; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "hole_tilt",
     0.12,
     "rad",
-    "Tilt up to which an object in a hole is upright; the clearance allows 4°.",
+    "Maximum tilt at which an object in a hole is upright; the clearance allows 4°.",
     "Larger: jars may lean in their holes; more success, fewer execution_failure and timeout.",
 )
 
@@ -30,7 +30,7 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
     """Return the hole that contains an upright object, or None.
 
     The object's foot is on the floor of the hole, as close to its center as the clearance allows, and the object is
-    upright. An object that leans on the rim or stands on the rack is not in a hole.
+    upright. An object that leans on the rim or rests on the rack is not in a hole.
     """
     x, y, z = state.pose(rack).inverse().apply(foot(state, name))
     for region in state.info.object(rack).regions:
@@ -84,4 +84,4 @@ IN_HOLE = register(
         surface=surface_of(),
     )
 )
-"""Relation of an object that stands in a hole of a rack."""
+"""Relation between an object and the rack hole in which it stands."""

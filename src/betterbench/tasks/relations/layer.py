@@ -16,23 +16,23 @@ OFFSET = threshold(
     "layer_offset",
     0.024,
     "m",
-    "Distance from the center of the base up to which a layer is centered; two thirds of the base's radius, within "
+    "Maximum distance from the base's center for a layer to be centered; two thirds of the base's radius, within "
     "which a layer cannot topple and people accept it as stacked (docs/sides.md).",
-    "Larger: layers may lie off center; more success, fewer execution_failure and timeout.",
+    "Larger: layers may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "layer_gap",
     0.006,
     "m",
-    "Height up to which a layer lies on the layer below; leaves and buns are uneven.",
-    "Larger: layers may lie unevenly; more success, fewer execution_failure and timeout.",
+    "Maximum gap at which a layer rests on the layer below; leaves and buns are uneven.",
+    "Larger: layers may be uneven; more success, fewer execution_failure and timeout.",
 )
 TILT = threshold(
     "layer_tilt",
     0.175,
     "rad",
-    "Tilt up to which a layer lies flat; 10 degrees.",
-    "Larger: layers may lie at an angle; more success, fewer execution_failure and timeout.",
+    "Maximum tilt at which a layer lies flat; 10 degrees.",
+    "Larger: layers may be at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 """Categories of layers that look the same from both sides, unlike a bun with its cut face."""
@@ -42,7 +42,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the layer of an object in a stack, "1" for an object on the base itself, or None.
 
     Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base. A
-    patty, a slice or a leaf may lie either way up, a bun may not, and the base must be upright.
+    patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:
@@ -85,29 +85,29 @@ def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float
 
 
 def _inverted(state: WorldState, name: str) -> bool:
-    """Return whether a layer without up and down lies on the face that its asset defines as the top."""
+    """Return whether a layer that can be used either way up lies on the face that its asset defines as the top."""
     either = state.info.object(name).category in EITHER_WAY_UP
     return either and tilt_of(state.quaternion(name)) > 0.5 * math.pi
 
 
 def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
-    """Return the centers of the lower face of a layer and of the upper face [m], world frame."""
+    """Return the centers of a layer's lower and upper faces [m], world frame."""
     lower, upper = foot(state, name), state.pose(name).apply(_top(state.info.object(name)))
     return (upper, lower) if _inverted(state, name) else (lower, upper)
 
 
 def _top(info: ObjectInfo) -> Vector:
-    """Return the center of the face on which the next layer lies [m], in the object's frame."""
-    for region in info.regions:  # a third of the time of next(), at every control step
+    """Return the center of the face on which the next layer rests [m], in the object's frame."""
+    for region in info.regions:  # takes a third of the time of next(), at every control step
         if region.name == "top":
             return region.position
     return (0.0, 0.0, info.size_m[2])
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object lies on a stack, or is held there, in any posture; else None.
+    """Return the first missing layer if an object rests on a stack, or is held there, in any posture; else None.
 
-    The object lies on the base, or on an object on the base, with its center over the base. Only flat objects are
+    The object rests on the base, or on an object on the base, with its center over the base. Only flat objects are
     layers.
     """
     if not (rests_on(state, name, base) or held_upon(state, name, base)):
@@ -140,4 +140,4 @@ LAYER = register(
         counted=True,
     )
 )
-"""Relation of an object that is a layer of a stack."""
+"""Relation between an object and a stack in which it is a layer."""

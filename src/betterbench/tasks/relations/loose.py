@@ -15,14 +15,14 @@ OVERLAP = threshold(
     "loose_overlap",
     0.005,
     "m",
-    "Depth by which a part of an object must reach into a target to be in the target at all; an object that only "
-    "leans against the outside is not.",
+    "Minimum depth to which part of an object must reach into a target for the object to be in the target at all; an "
+    "object that only leans against the outside is not.",
     "Larger: objects that reach in by less are not in the target; more success, fewer execution_failure with harm, "
     "fewer behavioral_inertia of badly placed objects.",
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
-"""Difference of the lowest points from which an object is above another one [m]."""
+"""Minimum height difference between the lowest points of two objects for one object to be above the other [m]."""
 _ROUNDING_M = 1e-9
 """Margin above the rounding error of a distance [m]."""
 
@@ -45,7 +45,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 
     Args:
         state: The state.
-        name: Name of the object.
+        name: Object name.
         space: Pose ``T_world_box`` of the center of the box.
         half_size: Its half extents [m].
     """
@@ -55,7 +55,7 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
     x, y, z = to_space.apply((0.0, 0.0, sz))
     if math.dist((x, y, z), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
         return False
-    # extent of the object from its center along the axes of the box; farther objects cannot reach in
+    # extent of the object from its center along the axes of the box; objects farther away cannot reach in
     q = to_space.quaternion
     edges = zip(rotate(q, (sx, 0.0, 0.0)), rotate(q, (0.0, sy, 0.0)), rotate(q, (0.0, 0.0, sz)), strict=True)
     for at, edge, half in zip((x, y, z), edges, (hx, hy, hz), strict=True):
@@ -73,7 +73,8 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
     Its center is over the target's bounding box, seen from above, it is not lower than the target, and a chain of
     contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain. A thin plate
-    under a bowl does not lie on the bowl: of two objects over each other, the one that reaches lower carries the other.
+    under a bowl does not rest on the bowl: of two objects one above the other, the object that reaches lower carries
+    the other.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False
@@ -120,5 +121,5 @@ def _carriers(state: WorldState, name: str) -> frozenset[str]:
 
 
 def nearest(points: dict[str, Vector], point: Vector) -> str | None:
-    """Return the name of the horizontally nearest point (the first on a tie); None if there are no points."""
+    """Return the name of the horizontally nearest point (the first in case of a tie); None if there are no points."""
     return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -11,15 +11,15 @@ OFFSET = threshold(
     "plate_offset",
     0.040,
     "m",
-    "Distance from the center of a plate up to which an object flat on the plate's floor is on the plate; within this "
-    "distance, people accept a flat plate wherever the rim lets it lie (docs/sides.md).",
-    "Larger: plates may stand off center; more success, fewer execution_failure and timeout.",
+    "Maximum distance from the plate's center at which an object flat on the plate's floor is on the plate; within "
+    "this distance, people accept a flat plate wherever the rim lets it lie (docs/sides.md).",
+    "Larger: plates may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
     "plate_gap",
     0.004,
     "m",
-    "Height of an object's foot above the floor of a plate up to which the object stands on the plate.",
+    "Maximum height of an object's base above the plate's floor for the object to stand on the plate.",
     "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
 )
 RIM_RELEASE_M = 0.03
@@ -42,7 +42,7 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object in any posture lies or is held over the center of a plate or of an object on a plate."""
+    """Return "" if an object in any posture rests or is held over the center of a plate or of an object on a plate."""
     there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
     return "" if there else None
 
@@ -66,4 +66,4 @@ ON_PLATE = register(
         surface=surface_of("floor"),
     )
 )
-"""Relation of an object that stands on a plate."""
+"""Relation between an object and the plate on which it stands."""

@@ -14,15 +14,16 @@ RADIUS = threshold(
     "ring_radius",
     0.015,
     "m",
-    "Distance up to which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 (docs/sides.md).",
-    "Larger: mugs may stand off center; more success, fewer execution_failure and timeout.",
+    "Maximum distance at which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 "
+    "(docs/sides.md).",
+    "Larger: mugs may be off center; more success, fewer execution_failure and timeout.",
 )
 HEIGHT = threshold(
     "ring_height",
     0.006,
     "m",
-    "Height above the ring's plane up to which a mug stands on the ring.",
-    "Larger: mugs may stand higher, for example on an edge; more success, fewer execution_failure and timeout.",
+    "Maximum height above the ring's plane for a mug to stand on the ring.",
+    "Larger: mugs may be higher, for example on an edge; more success, fewer execution_failure and timeout.",
 )
 SPOUT = threshold(
     "spout_margin",
@@ -33,7 +34,7 @@ SPOUT = threshold(
 )
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
-"""Length and rise of the straight approach below the overhanging head of a fixture [m]."""
+"""Length and rise of the straight approach below a fixture's overhanging head [m]."""
 TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
 """Rotations from the heading with the handle farthest from the spout [rad], the smallest first."""
 
@@ -121,4 +122,4 @@ ON_RING = register(
         surface=surface_of("ring"),
     )
 )
-"""Relation of an object that stands on a marked ring."""
+"""Relation between an object and the marked ring on which it stands."""

@@ -11,12 +11,12 @@ from betterbench.tasks.relations.rest import on_floor
 
 @dataclass(frozen=True, slots=True)
 class PlaceGoal:
-    """A pose at which an object is released, and the direction of its approach.
+    """A pose at which an object is released, and its approach direction.
 
     Attributes:
         pose: Release pose ``T_world_object``.
         approach: Displacement [m], world frame, from the release pose to the start of the straight approach.
-        release_width_m: Opening of the gripper at the release [m]; None for the full opening.
+        release_width_m: Gripper opening at the release [m]; None for the full opening.
         alike: Adjacent goals in a list with the same number are equally good, and the expert may use any of them; None
             for a goal with a fixed rank.
     """
@@ -28,7 +28,7 @@ class PlaceGoal:
 
 
 SHARED = "+"
-"""Separator of the names of overlapping regions in the result of ``where``."""
+"""Separator between the names of overlapping regions in the result of ``where``."""
 
 
 def is_at(place: str | None, region: str) -> bool:
@@ -49,19 +49,19 @@ class Relation:
     Attributes:
         name: Identifier ("inside", "beside").
         words: Text of documents: "{object} is inside {target}"; ``{region}`` if the target has several regions.
-        where: ``where(state, object, target)`` returns the name of the target region of the object, "" if the target
-            has only one region, or None if the object is at none. For overlapping regions it returns all their names
-            joined by "+", see :func:`is_at`.
+        where: ``where(state, object, target)`` returns the name of the target region that contains the object, "" if
+            the target has only one region, or None if the object is in none. For overlapping regions it returns all
+            their names joined by "+", see :func:`is_at`.
         loosely: Like ``where``, but for an object in any posture: leaning, jammed, on its side, upside down, half in,
             on top, held there. Used after ``where`` returns None, to check that the target is free of an object. None
             if ``where`` covers every posture.
         regions: Function that returns the names of an object's target regions; empty if the object cannot be a target.
-        needs: Required regions of a target's asset: all of them, or any of them if the target has several regions.
-        tolerances: Names of the thresholds in ``where``, apart from those of rest and posture.
+        needs: Required regions in a target's asset: all of them, or any of them if the target has several regions.
+        tolerances: Names of the thresholds in ``where``, apart from the rest and posture thresholds.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
-            the best first. None if the object is not carried but slides in its mount.
+            best first. None if the object is not carried but slides in its mount.
         surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
-            of the object with these regions; None if nothing can be there from the start.
+            of the object that has these regions; None if nothing can be there from the start.
         roles: Roles of the objects that can have this relation.
         counted: True if the target region depends on objects already there, as for the layer of a stack.
         falls: True if an object may be dropped into the target.
@@ -87,7 +87,7 @@ class Relation:
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
-        """Tell whether an object is at a target region."""
+        """Tell whether an object is in a target region."""
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
@@ -96,7 +96,7 @@ class Relation:
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def brought(self, state: WorldState, name: str, target: str) -> str | None:
-        """Return the target region to which an object was brought without request, in any posture, or None."""
+        """Return the target region to which an object was brought against the instruction, in any posture, or None."""
         return (
             self.anyhow(state, name, target)
             if self.loosely is None or not self.wide
@@ -114,7 +114,7 @@ class Relation:
         return self.surface({r.name: r for r in target.regions}, region)
 
     def place_goals(self, state: WorldState, name: str, target: str, region: str) -> tuple[PlaceGoal, ...]:
-        """Return the poses at which an object satisfies the relation, the best first.
+        """Return the poses at which an object satisfies the relation, best first.
 
         Raises:
             PlanningError: If the relation is not established by carrying.
@@ -165,7 +165,7 @@ def relation(name: str) -> Relation:
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Return the ``where`` of a relation whose targets have only one region."""
+    """Return the ``where`` function for a relation whose targets have only one region."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None
@@ -174,7 +174,7 @@ def single(test: Callable[[WorldState, str, str], bool]) -> Where:
 
 
 def offers(*names: str) -> Regions:
-    """Return the ``regions`` function of a relation whose targets have one region and all of these asset regions."""
+    """Return the ``regions`` function for a relation whose targets have one region and all of these asset regions."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return ("",) if set(names) <= {r.name for r in info.regions} else ()
@@ -183,7 +183,7 @@ def offers(*names: str) -> Regions:
 
 
 def offers_each(*names: str) -> Regions:
-    """Return the ``regions`` function of a relation whose targets have any of these asset regions."""
+    """Return the ``regions`` function for a relation whose targets have any of these asset regions."""
 
     def regions(info: ObjectInfo) -> tuple[str, ...]:
         return tuple(r.name for r in info.regions if r.name in names)
@@ -192,7 +192,7 @@ def offers_each(*names: str) -> Regions:
 
 
 def surface_of(*names: str) -> Surface:
-    """Return the ``surface`` function of a relation whose objects rest on the first existing asset region of these.
+    """Return the ``surface`` function for a relation whose objects rest on the first existing asset region.
 
     Without names, the target region itself is the surface.
     """

@@ -10,9 +10,9 @@ from betterbench.tasks.thresholds import THRESHOLDS
 class RestWatch:
     """Detector of objects at rest, with unchanged position and posture for a short time.
 
-    Displacement is used instead of speed, because the contacts of an object at rest can make it tremble at 1 rad/s
-    without moving it by a tenth of a millimeter. Pass every state in order, starting at reset, where all objects are
-    treated as at rest.
+    Displacement is used instead of speed, because contacts can make an object at rest tremble at 1 rad/s without moving
+    it by a tenth of a millimeter. Pass every state in order, starting at reset, where all objects are treated as at
+    rest.
     """
 
     def __init__(self, *, rate_hz: float) -> None:
@@ -52,7 +52,7 @@ def on_floor(state: WorldState, name: str) -> bool:
 
 
 def upright(state: WorldState, name: str) -> bool:
-    """Return whether an object is in the upright posture of its asset."""
+    """Return whether an object is in its asset's upright posture."""
     return tilt_of(state.quaternion(name)) <= THRESHOLDS.upright_tilt
 
 

@@ -18,7 +18,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""How the diagnosis reads the records of a world.
+"""How the diagnosis reads a world's records.
 
 "conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
 success. "chains" get no labels; success rates of their subtasks are counted instead.
@@ -53,11 +53,11 @@ class WorldFacts:
     Attributes:
         name: Name in plans and on the command line ("libero").
         title: Name in messages ("LIBERO").
-        suites: Suites by name. The tasks of a suite are called "BASE-...", where BASE is the suite's ``base``.
+        suites: Suites by name. A suite's tasks are called "BASE-...", where BASE is the suite's ``base``.
         reading: How the diagnosis reads the records.
         measured: Whether certificates, the power matrix, calibrations and demonstrations cover the tasks, and whether a
             stored plan can be repeated.
-        statements: Statements of a report about the scenes and the accuracy of the labels, by heading.
+        statements: A report's statements about the scenes and the accuracy of the labels, by heading.
     """
 
     name: str
@@ -118,7 +118,7 @@ def known_facts() -> Mapping[str, WorldFacts]:
 
 
 def facts_of_suite(suite: str) -> WorldFacts | None:
-    """Return the facts about the world that has a suite, or None if no world that is known here has it.
+    """Return the facts about the world that has a suite, or None if no known world has it.
 
     A path of a folder with a suite belongs to our own scenes.
     """
@@ -128,7 +128,7 @@ def facts_of_suite(suite: str) -> WorldFacts | None:
 
 
 def facts_of_task(task: str) -> WorldFacts:
-    """Return the facts about the world of a task ("libero_object-03"); our own world if no other has such tasks."""
+    """Return the facts about a task's world ("libero_object-03"); our own world if no other world has such tasks."""
     base = task.rpartition("-")[0]
     return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)
 
@@ -137,8 +137,8 @@ def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
     """Return the facts about the world of a stored plan, and register them if the plan contains them.
 
     Args:
-        plan: Plan of a run.
-        where: Name of its file, for messages.
+        plan: Run plan.
+        where: Its file's name, for messages.
 
     Raises:
         RecordError: If the plan names an unknown world without describing this world.

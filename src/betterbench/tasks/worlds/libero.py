@@ -95,7 +95,7 @@ class FieldProtocol:
     """Evaluation protocol of existing work: step limits, trials and seed.
 
     Attributes:
-        name: Name of the protocol.
+        name: Protocol name.
         steps: Control steps after settling, by base suite.
         trials: Initial states of each task, from the first one on.
         settling_steps: Steps with an open gripper before the first observation.

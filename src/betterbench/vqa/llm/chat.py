@@ -28,7 +28,7 @@ _LONGEST_PAUSE_S = 30.0
 
 
 class RefusedError(ModelError):
-    """Refusal of a single request (HTTP 400 or 422), for example because of its image; others may succeed."""
+    """Rejection of a single request (HTTP 400 or 422), for example because of its image; others may succeed."""
 
 
 class Chat(Protocol):
@@ -36,13 +36,13 @@ class Chat(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the model."""
+        """Model name."""
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
         """Return the answer.
 
         Raises:
-            RefusedError: If this request was refused.
+            RefusedError: If this request was rejected.
             ModelError: If no answer can be obtained.
         """
 
@@ -65,7 +65,7 @@ class ChatEndpoint:
 
         Args:
             url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
-            model: Name of the model at that address.
+            model: Model name at that address.
             key_variable: Environment variable with the API key, if set.
             timeout_s: Longest wait for the beginning of an answer and between its parts [s].
             deadline_s: Longest wait for a whole answer [s], for servers that send it in many small parts.

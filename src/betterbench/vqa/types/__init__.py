@@ -1,4 +1,4 @@
-"""The types of question, one file each: generators of questions from a moment, with answers proven by the state."""
+"""Question types, one file each: generators that make questions from a moment, with answers proven by the state."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(Questi
 
 
 def _tags(moment: Moment, draft: QuestionDraft) -> Iterator[str]:
-    """Yield tags of a question from its objects: out of place, small, partly hidden."""
+    """Yield a question's tags from its objects: out of place, small, partly hidden."""
     info = moment.episode.trace.info
     if any(moment.episode.out_of_place(info.index(name)) for name in draft.objects if name in info):
         yield "out of place"

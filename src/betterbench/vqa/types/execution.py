@@ -72,7 +72,7 @@ def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:
 
 
 def _looks_done(moment: Moment, g: int) -> bool:
-    """Return whether enough objects are at the goal of a step; a drawer must be loaded before it is closed."""
+    """Return whether enough objects are at a step's goal; a drawer must be loaded before it is closed."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if int(trace.serves[moment.row, g, list(trace.meant[g])].sum()) < goals[g].count:
         return False

@@ -19,7 +19,7 @@ MOST_OPTIONS = 4
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions for the box of each object, for a point on it, and for the kind of the object in its box."""
+    """Yield questions for each object's box, for a point on it, and for the kind of the object in its box."""
     for kind, o in moment.named.items():
         seen = moment.view.objects[o.name]
         words, cell = {"thing": definite(kind)}, cell_of(seen, moment.view.width, CELLS)

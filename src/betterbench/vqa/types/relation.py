@@ -14,16 +14,17 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
-"""Minimum horizontal distance of two centers for "left of", as a share of the image width: 20 of 256 pixels, about the
-width of an object."""
+"""Minimum horizontal distance between two centers for "left of", as a fraction of the image width: 20 of 256 pixels,
+about the width of an object.
+"""
 CAMERA_MARGIN_M = 0.06
-"""Minimum difference of two distances from the camera for "nearer" [m], the limit of what people can judge."""
+"""Minimum difference between two distances from the camera for "nearer" [m], the limit of what people can judge."""
 ROBOT_MARGIN_M = 0.05
-"""Minimum distance of two objects, lateral or radial, in the frame of the robot [m]; objects are 4 to 8 cm wide."""
+"""Minimum distance between two objects, lateral or radial, in the robot frame [m]; objects are 4 to 8 cm wide."""
 
 
 def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about pairs of objects and about the outermost of several."""
+    """Yield questions about pairs of objects and about the outermost of several objects."""
     for (a, first), (b, second) in itertools.combinations(moment.named.items(), 2):
         names = first.name, second.name
         both_small = a in moment.things and b in moment.things

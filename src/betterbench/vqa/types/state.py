@@ -14,8 +14,9 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Opening, as shares of the maximum, from which the empty gripper is open and up to which it is closed; people disagree
-about values in between."""
+"""Opening, as a fraction of the maximum, from which the empty gripper is open and up to which it is closed; people
+disagree about values in between.
+"""
 FALLEN_RAD = 1.0
 """Minimum tilt of a fallen object, about 60 degrees; leaning objects are excluded."""
 UPRIGHT_RAD = 0.1
@@ -24,7 +25,7 @@ LEAST_SLENDER = 0.9
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about drawers, the gripper, and objects that can stand."""
+    """Yield questions about drawers, the gripper, and objects that can be upright."""
     yield from _drawers(moment)
     yield from _gripper(moment)
     for kind, o in moment.things.items():

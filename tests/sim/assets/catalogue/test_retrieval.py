@@ -20,6 +20,8 @@ from betterbench.sim.assets.catalogue.variety import choose_different
 pytestmark = pytest.mark.slow
 
 DATA = Path(__file__).parent / "data"
+NEW_QUERIES = json.loads((DATA / "new_queries.json").read_text(encoding="utf-8"))
+"""Queries by an author who had not seen the word list, halved by a seed."""
 QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
 MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
 GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
@@ -27,11 +29,16 @@ BY_FILE = {f"{row['source']}/{row['file']}": row["categories"] for row in MESHES
 EMPTY_GLB = b"glTF\x02\x00\x00\x00\x18\x00\x00\x00\x04\x00\x00\x00JSON{}  "
 
 
-def test_the_labels_are_enough_and_split():
-    halves = [row["half"] for row in QUERIES]
-    assert len(QUERIES) >= 200
-    assert len({row["query"] for row in QUERIES}) == len(QUERIES)
+@pytest.mark.parametrize("queries", [QUERIES, NEW_QUERIES], ids=["first", "new"])
+def test_the_labels_are_enough_and_split(queries):
+    halves = [row["half"] for row in queries]
+    assert len(queries) >= 200
+    assert len({row["query"] for row in queries}) == len(queries)
     assert min(halves.count("tune"), halves.count("test")) >= 100
+
+
+def test_the_new_queries_are_not_the_first_ones():
+    assert not {row["query"].lower() for row in QUERIES} & {row["query"].lower() for row in NEW_QUERIES}
 
 
 @pytest.fixture(scope="module", params=["words", "meaning"])
@@ -61,18 +68,28 @@ def categories(entry):
     return set(GENERATED[entry.category] if entry.source == "procedural" else BY_FILE[entry.id])
 
 
-def test_the_half_that_did_not_tune_is_answered(catalogue):
-    asked = [row for row in QUERIES if row["half"] == "test"]
+def shares(catalogue, asked):
+    """Return the shares of queries whose first answer, and whose first five answers, have a right category."""
     first = fifth = 0
     for row in asked:
-        right = [
-            bool(categories(hit.entry) & set(row["categories"])) for hit in catalogue.search(row["query"], limit=5)
-        ]
+        hits = catalogue.search(row["query"], limit=5)
+        right = [bool(categories(hit.entry) & set(row["categories"])) for hit in hits]
         first += bool(right) and right[0]
         fifth += any(right)
-    least = 0.95 if catalogue.has_vectors else 0.94
-    assert first / len(asked) >= least
-    assert fifth / len(asked) >= 0.95
+    return first / len(asked), fifth / len(asked)
+
+
+def test_the_half_that_did_not_tune_is_answered(catalogue):
+    first, fifth = shares(catalogue, [row for row in QUERIES if row["half"] == "test"])
+    assert first >= (0.95 if catalogue.has_vectors else 0.94)
+    assert fifth >= 0.95
+
+
+def test_queries_of_another_author_are_answered(catalogue):
+    """The goal for the first answer is 0.95, which is not reached; docs/asset-catalogue.md has the numbers."""
+    first, fifth = shares(catalogue, [row for row in NEW_QUERIES if row["half"] == "test"])
+    assert first >= (0.89 if catalogue.has_vectors else 0.77)
+    assert fifth >= (0.95 if catalogue.has_vectors else 0.83)
 
 
 @pytest.mark.parametrize(

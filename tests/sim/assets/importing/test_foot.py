@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from betterbench.sim.assets.importing.foot import foot_under, returns_upright
-from betterbench.sim.assets.importing.importer import with_thickness
+from betterbench.sim.assets.importing.hulls import with_thickness
 
 
 def ball(radius: float = 0.035) -> np.ndarray:

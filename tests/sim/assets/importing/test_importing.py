@@ -18,7 +18,7 @@ from betterbench.sim.assets import build
 from betterbench.sim.assets.authoring.registry import unregister
 from betterbench.sim.assets.importing import child, imported
 from betterbench.sim.assets.importing.cavity import cavity_of
-from betterbench.sim.assets.importing.hulls import convex_hulls, fit_of
+from betterbench.sim.assets.importing.hulls import convex_hulls, filled_share, fit_of
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import kind_of, kinds
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
@@ -227,6 +227,36 @@ def test_triangles_that_face_inward_are_turned_around(tmp_path):
     assert "faced inward" in " ".join(made.notes)
 
 
+@pytest.mark.parametrize(
+    ("name", "mesh", "up"),
+    [
+        ("popsicle", trimesh.creation.box((0.05, 0.13, 0.014)), ("z", "-z")),
+        ("fork", trimesh.creation.box((0.02, 0.18, 0.006)), ("z", "-z")),
+        (
+            "bottle",
+            trimesh.creation.revolve([(0, 0), (0.03, 0), (0.03, 0.15), (0.012, 0.2), (0.012, 0.24), (0, 0.24)]),
+            ("z",),
+        ),
+    ],
+)
+def test_bottles_stand_and_forks_lie_however_a_file_holds_them(tmp_path, name, mesh, up):
+    """The files hold y up, so that the fork stands on end and the bottle lies."""
+    found = import_mesh(saved(mesh, tmp_path / f"{name}.glb"), Wishes(size_m=float(np.ptp(mesh.bounds, axis=0).max())))
+    assert found.draft.parameters["up"] in up
+    assert f"since a {name}" in " ".join(found.notes)
+    given = import_mesh(tmp_path / f"{name}.glb", Wishes(up="y"))
+    assert given.draft.parameters["up"] == "y"
+
+
+def test_flat_objects_are_as_thick_at_any_size_and_nothing_is_denser_than_steel(tmp_path):
+    plate, mug = kind_of("plate"), kind_of("mug")
+    assert plate.mass_at(1.5 * plate.middle_m) == pytest.approx(1.5**2 * plate.mass_kg)
+    assert mug.mass_at(1.2 * mug.middle_m) == pytest.approx(1.2**3 * mug.mass_kg)
+    knife = import_mesh(saved(trimesh.creation.box((0.2, 0.004, 0.002)), tmp_path / "knife.stl"), Wishes(size_m=0.2))
+    assert knife.draft.mass_kg < 8000 * 0.2 * 0.004 * 0.004, "a cell is thicker than the knife"
+    assert "slimmer than a usual knife" in " ".join(knife.notes)
+
+
 # -------------------------------------------------------------------------------------------------------------- solid
 
 
@@ -271,7 +301,7 @@ def test_the_hollow_of_a_cup_stays_free():
     for corners in hulls:
         equations = ConvexHull(corners).equations
         assert not ((inside @ equations[:, :3].T + equations[:, 3]).max(axis=1) < 0.0).any()
-    assert fit == fit_of(hulls, solid.points) or fit.outside_m == fit_of(hulls, solid.points).outside_m
+    assert dataclasses.astuple(fit) == dataclasses.astuple(fit_of(hulls, solid))
     assert fit.outside_m < 0.0035  # the chord of a sector is 1.4 mm off the circle
     assert fit.inside_m < 0.001
 
@@ -279,6 +309,48 @@ def test_the_hollow_of_a_cup_stays_free():
 def test_a_convex_body_is_one_hull():
     mesh = trimesh.creation.cylinder(0.03, 0.1)
     assert len(convex_hulls(solid_of(*surface(mesh)), surface(mesh), None)[0]) == 1
+
+
+def test_sheets_are_touched_and_a_long_tool_is_not_one_hull():
+    """The blade of a modeled knife has no thickness, and the hull of a fork is three times as wide as its handle."""
+    handle = trimesh.creation.box((0.14, 0.014, 0.012))
+    prongs = [
+        trimesh.creation.box((0.12, 0.004, 0.0), trimesh.transformations.translation_matrix((0.13, y, 0.0)))
+        for y in (-0.02, 0.02)
+    ]
+    neck = trimesh.creation.box((0.004, 0.044, 0.0), trimesh.transformations.translation_matrix((0.072, 0.0, 0.0)))
+    mesh = trimesh.util.concatenate([handle, neck, *prongs])
+    solid = solid_of(*surface(mesh))
+    hulls, fit = convex_hulls(solid, surface(mesh), None)
+    assert len(hulls) >= 4
+    assert fit.inside_m < 0.002
+    assert fit.outside_m < 0.003
+
+
+def test_what_hulls_fill_inside_a_solid_does_not_count():
+    """The hulls of the wall of a full bowl reach into what it is filled with."""
+    mesh = trimesh.creation.box((0.1, 0.1, 0.05))
+    solid = solid_of(*surface(mesh))
+    low, high = mesh.bounds
+    halves = [np.array(np.meshgrid(*zip(low, high, strict=True))).T.reshape(-1, 3) for _ in range(2)]
+    halves[0][:, 0] = np.minimum(halves[0][:, 0], -0.01)
+    halves[1][:, 0] = np.maximum(halves[1][:, 0], 0.01)
+    assert fit_of(halves, solid).outside_m < 0.001
+
+
+def test_the_hulls_of_a_full_bowl_end_at_what_it_is_filled_with():
+    bowl = trimesh.creation.revolve([(0, 0), (0.04, 0), (0.07, 0.06), (0.062, 0.06), (0.035, 0.01), (0, 0.01)])
+    soup = trimesh.creation.cylinder(0.058, 0.002, transform=trimesh.transformations.translation_matrix((0, 0, 0.047)))
+    dumpling = trimesh.creation.box((0.02, 0.02, 0.014), trimesh.transformations.translation_matrix((0.01, 0, 0.05)))
+    mesh = trimesh.util.concatenate([bowl, soup, dumpling])
+    solid = solid_of(*surface(mesh))
+    cavity = cavity_of(solid)
+    assert cavity is not None
+    hulls, fit = convex_hulls(solid, surface(mesh), cavity)
+    assert filled_share(hulls, solid, cavity) < 0.05
+    assert fit.outside_m < 0.002
+    base = max(hulls, key=lambda corners: ConvexHull(corners).volume)
+    assert base[:, 2].max() == pytest.approx(0.048, abs=0.001), "objects rest on the soup"
 
 
 # -------------------------------------------------------------------------------------------------------------- assets

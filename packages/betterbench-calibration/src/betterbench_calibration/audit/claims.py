@@ -26,7 +26,7 @@ from betterbench_calibration.audit.table import AuditedTable
 from betterbench_calibration.audit.wording import ALPHA, ends, shown_rate, tested
 
 BARNARD_OUTCOMES = 1_000_000
-"""Largest number of possible outcomes of two arms for Barnard's test, which evaluates all of them."""
+"""Largest number of possible outcomes for two arms in Barnard's test, which evaluates all of them."""
 
 _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
@@ -68,7 +68,7 @@ class Composition:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """Claim of the text that one cell differs from another of the same column.
+    """A claim in the text that one cell differs from another in the same column.
 
     Attributes:
         first: Row of the minuend.
@@ -90,7 +90,7 @@ class Claim:
             raise ValueError("either trials or parts must be given")
 
     def count(self, table: AuditedTable, row: str) -> CountBehind | None:
-        """Return the count of one of the two cells, or None if it cannot be recovered."""
+        """Return the count in one of the two cells, or None if it cannot be recovered."""
         trials = self.trials
         if not trials:
             sizes = recover_sizes(tuple(Pooled(self.column, self.parts).rows(table).values()))

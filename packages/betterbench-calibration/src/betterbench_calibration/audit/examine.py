@@ -1,4 +1,4 @@
-"""Audit of a source: checks of all rules of all tables, and a list of numbers without a rule."""
+"""Audit of a source: checks of all rules for all tables, and a list of numbers without a rule."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class ClaimSupport:
         p_holm: The same, corrected for all claims of the rule.
         low_pp: Lower end of the 95 % interval [percent or percentage points].
         high_pp: Upper end of the interval.
-        p_fisher: P-value of Fisher's exact test of two rates, for comparison; None where there is one rate only.
+        p_fisher: P-value from Fisher's exact test for two rates, for comparison; None if there is only one rate.
     """
 
     test: str
@@ -51,7 +51,7 @@ class AuditFinding:
 
     Attributes:
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row of the number; empty for the table as a whole.
+        row: Row of the number; empty for the complete table.
         cell: Column of the number, or the claim in a few words.
         covers: Numbers that the check reads: a misprint in any of them may change the verdict.
         unnoticed: Number of wrong single digits in these numbers that would pass the check.

@@ -21,7 +21,7 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, decimal
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Rule that each cell in some rows and columns (default: all) is a share of the same number of trials."""
+    """Rule that each cell in some rows and columns (default: all) is a fraction of the same number of trials."""
 
     trials: WholeNumber
     rows: RowNames = ()

@@ -1,4 +1,4 @@
-"""Loading of tables and their rules, from the packaged file or another of the same form."""
+"""Loading of tables and their rules, from the packaged file or another file in the same format."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ RULES: Mapping[str, type[AuditRule]] = {
 """Rules for tables, by their names in the file."""
 
 MOST_BYTES = 1_000_000
-"""Largest file that is read [bytes], because the audit of a larger one would take too long."""
+"""Largest file that is read [bytes], because auditing a larger file would take too long."""
 
 MOST_ROWS = 200
-"""Maximum number of rows of a table, because all pairs of rows are compared."""
+"""Maximum number of rows in a table, because all pairs of rows are compared."""
 
 _CURE = "Correct it, or start from the packaged file"
 
@@ -85,7 +85,7 @@ _SOURCE = TypeAdapter(_SourceForm)
 
 @dataclass(frozen=True, slots=True)
 class PaperSource:
-    """File of tables with the rules of each."""
+    """File with tables and the rules for each."""
 
     name: str
     tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]
@@ -106,7 +106,10 @@ def paper_tables() -> PaperSource:
 
 
 def load_tables(path: Path) -> PaperSource:
-    """Return the tables of a JSON file of the same form as the packaged one; raises as :func:`read_source` does."""
+    """Return the tables in a JSON file with the same format as the packaged file.
+
+    Raises the same errors as :func:`read_source`.
+    """
     try:
         text = read_bounded(path, max_bytes=MOST_BYTES, cure="Give a JSON file, or split it").decode("utf-8")
     except UnicodeDecodeError as error:

@@ -25,10 +25,10 @@ SHARE_OF_MISFITS = Fraction(1, 4)
 """Share of rows that a tried size may fail to reproduce, because some rows may be misprinted."""
 
 MOST_CANDIDATES = 8
-"""Number of sizes per part that are combined with those of other parts, best fitting and smallest first."""
+"""Number of sizes per part that are combined with the sizes of other parts, best fitting and smallest first."""
 
 MOST_COMBINATIONS = 20_000
-"""Maximum number of tried combinations of sizes; with many parts, fewer sizes of each are used."""
+"""Maximum number of size combinations tried; with many parts, fewer sizes of each are used."""
 
 PooledRow = tuple[tuple[Decimal, ...], Decimal]
 """Printed parts of a row and its printed overall rate."""
@@ -36,10 +36,10 @@ PooledRow = tuple[tuple[Decimal, ...], Decimal]
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Number of questions of each part, recovered from the percentages.
+    """Number of questions in each part, recovered from the percentages.
 
     Attributes:
-        parts: Size per part, in the order of the columns.
+        parts: Size per part, in column order.
         reproduced: Number of distinct rows whose parts and overall rate they reproduce.
         rows: Number of distinct rows that print all parts and the overall rate.
     """
@@ -139,9 +139,9 @@ class Pooled:
 
 @functools.lru_cache(maxsize=256)
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
-    """Return the smallest sizes of the parts that reproduce most rows; None below half of the rows.
+    """Return the smallest part sizes that reproduce most rows; None below half of the rows.
 
-    ``rows`` are those that print all parts and the overall rate. Equal rows count once.
+    ``rows`` are the rows that print all parts and the overall rate. Equal rows count once.
     """
     distinct = tuple(dict.fromkeys(rows))
     if not distinct:
@@ -181,7 +181,7 @@ def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
-    """Return the numbers of wrong digits of a row that would pass the check, and of all possible ones."""
+    """Return how many wrong digits in a row would pass the check, and how many are possible."""
     parts, whole = row
     numbers = (*parts, whole)
 

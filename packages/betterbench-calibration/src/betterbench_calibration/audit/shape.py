@@ -1,4 +1,4 @@
-"""Shape of rows: rates that must not increase, and rows that are copies of others."""
+"""Row shape: rates that must not increase, and rows that are copies of other rows."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Falling:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
-    """Return the numbers of wrong digits that keep a row falling, and of all possible ones."""
+    """Return how many wrong digits keep a row falling, and how many are possible."""
 
     def holds(at: int, wrong: Decimal) -> bool:
         return all(b <= a for a, b in itertools.pairwise(replaced(numbers, at, wrong)))

@@ -72,13 +72,13 @@ class Combination:
         return sum((weight * Fraction(number) for weight, number in terms), Fraction(0)) / self.unit
 
     def slack(self, terms: Terms) -> Fraction:
-        """Return the largest error of the result that the rounding of parts can cause."""
+        """Return the largest error in the result that rounding of the parts can cause."""
         return sum((abs(weight) * _half_a_digit(number) for weight, number in terms), Fraction(0)) / self.unit
 
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
-    """Return the number of single wrong digits that would stay undetected, and of all possible wrong digits."""
+    """Return how many single wrong digits would stay undetected, and how many are possible."""
     weights = tuple(weight for weight, _ in terms)
     numbers = (*(number for _, number in terms), printed)
 
@@ -98,10 +98,10 @@ def _half_a_digit(number: Decimal) -> Fraction:
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RowCombination:
-    """Rule that one column is a combination of others in each row; its name is that of the class.
+    """Rule that one column is a combination of other columns in each row; its name is the class name.
 
-    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
-    rows.
+    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows``, the rule holds for
+    all rows.
     """
 
     target: ColumnName

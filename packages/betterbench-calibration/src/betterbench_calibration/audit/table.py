@@ -57,7 +57,7 @@ class AuditRule(Protocol):
     """Rule for the numbers of a table."""
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield the findings of the rule for a table; ``paper`` has all tables, for rules that need others."""
+        """Yield the rule's findings for a table; ``paper`` has all tables, for rules that need others."""
 
 
 def decimals(number: Decimal) -> int:
@@ -83,9 +83,9 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 
 
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
-    """Return the numbers of single wrong digits that a check would miss, and of all possible ones.
+    """Return how many single wrong digits a check would miss, and how many are possible.
 
-    ``holds`` tells whether the check still holds when the number at a position is replaced by another.
+    ``holds`` tells whether the check still holds when the number at a position is replaced by another number.
     """
     tried = [holds(i, wrong) for i, number in enumerate(numbers) for wrong in misprints(number)]
     return sum(tried), len(tried)

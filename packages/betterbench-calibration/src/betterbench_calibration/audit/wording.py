@@ -1,4 +1,4 @@
-"""Wording of test results: p-values, intervals, and the level of support."""
+"""Wording for test results: p-values, intervals, and the level of support."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better audit-paper``: consistency checks of printed numbers, and tests against their numbers of trials."""
+"""``better audit-paper``: consistency checks for printed numbers, and tests based on the numbers of trials."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from betterbench.cli.console import print_json
 
 
 def audit_command(*, json: bool = False, tables: Path | None = None) -> None:
-    """Recompute the printed numbers of the paper's tables and test its claims against the numbers of trials.
+    """Recompute the printed numbers in the paper's tables and test its claims against the numbers of trials.
 
     Example: better audit-paper
 
     Args:
         json: Print one JSON document instead of text.
-        tables: File of the same form to audit instead of the tables of the benchmark's paper.
+        tables: File in the same format to audit instead of the tables from the benchmark's paper.
     """
     from betterbench_calibration.audit import audit_source, load_tables, paper_tables
     from betterbench_calibration.cli.audit_output import print_audit

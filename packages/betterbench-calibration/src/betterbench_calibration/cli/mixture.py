@@ -41,8 +41,8 @@ def mixture_command(
     """Show the paper's pre-training mixture or a custom one, draw from it, and compute training budgets.
 
     Without a file: the paper's data sets with recomputed totals, and the paper's two runs on 16 and 24 GPUs. With your
-    own file over LeRobot data sets and questions: its shares and, with --draws, the number of draws of each set. --out
-    writes each draw as a line; the same command continues an interrupted file.
+    own file over LeRobot data sets and questions: its shares and, with --draws, the number of draws from each set.
+    --out writes each draw as a line; the same command continues an interrupted file.
 
     Example: better mixture mixture.yaml --draws 100000
 
@@ -50,16 +50,16 @@ def mixture_command(
         file: YAML file of a mixture; the paper's if not given.
         inside: Without a file, the division of action draws among the six robot data sets, which the paper does not
             give: by frames, equally, or by OpenVLA's weights (magic-soup-plus).
-        draws: Total number of draws of all shards.
-        out: File of JSON lines for the draws of this shard.
+        draws: Total number of draws over all shards.
+        out: JSON lines file for this shard's draws.
         shard: Index of this shard and number of shards, such as 0/4.
         seed: Seed of the draws; the seed in the file if not given.
         gpus: GPUs of a run, for its budget; the paper's two runs if not given.
-        steps: Steps of that run.
+        steps: That run's steps.
         tokens_per_gpu: Tokens of one GPU in one step.
-        tokens: Tokens of a sample by data set, such as DROID=220; estimated for other data sets.
-        parameters: Weights of the model, such as 2e9, for an estimate of GPU hours.
-        overwrite: Replace a file of --out that contains other data than draws of this mixture, seed and shard.
+        tokens: Tokens per sample by data set, such as DROID=220; estimated for other data sets.
+        parameters: Model weights, such as 2e9, to estimate GPU hours.
+        overwrite: Replace an --out file that contains data other than draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """
     mixture = None if file is None else _of_file(file)
@@ -128,7 +128,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, overwrite: bool) -> None:
-    """Write the draws of a shard as lines, after the existing ones, each of which is verified."""
+    """Write a shard's draws as lines after the existing lines, each of which is verified."""
     from betterbench.jobs.durable import on_disk
     from betterbench.jobs.outputs import OutputFile
     from betterbench.jobs.places import open_in_place
@@ -201,7 +201,7 @@ def _budgets(
     tokens: Iterable[str],
     parameters: float | None,
 ) -> dict[str, Budget]:
-    """Return the requested budgets, or those of the paper's runs, by name."""
+    """Return the requested budgets, or the budgets of the paper's runs, by name."""
     from betterbench_calibration.mixture import TokenPrices, budget_of, paper_mixture
 
     if (gpus is None) != (steps is None):
@@ -260,7 +260,7 @@ def _document(
 
 
 def _in_unit(total: CheckedTotal) -> str:
-    """Return the sum of the rows in the unit of the printed total."""
+    """Return the sum of the rows in the printed total's unit."""
     return f"{total.rows / 1e6:,.4f}" if "[million]" in total.what else f"{total.rows:,}"
 
 

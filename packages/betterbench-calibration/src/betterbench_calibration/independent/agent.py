@@ -13,7 +13,7 @@ class IndependentAgent:
     """A privileged policy of the independent family."""
 
     def __init__(self, name: str, body: Body, script: Actions[None]) -> None:
-        """Start with the stated truth, before the script begins."""
+        """Set the ground truth that was stated before the script begins."""
         self.name, self.body = name, body
         self._script = script
         self._begun = False
@@ -34,7 +34,7 @@ class IndependentAgent:
         """Ground truth of the policy about its own episode.
 
         ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label, if the goal is not
-        met, by the rules of :mod:`betterbench_calibration.independent.truth`, and ``rule`` the one that corrected it.
+        met, by the rules in :mod:`betterbench_calibration.independent.truth`, and ``rule`` the rule that corrected it.
         """
         ledger = self.body.ledger
         for name in self.body.harmed():

@@ -1,4 +1,4 @@
-"""Building blocks for the scripts of habits: correct execution of a subgoal, and parts of deviating behavior."""
+"""Building blocks for habit scripts: correct execution of a subgoal, and parts of deviating behavior."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Body:
         return (x - ex) ** 2 + (y - ey) ** 2
 
     def clear_the_way(self, goal: Subgoal) -> Actions[None]:
-        """Close or open the drawers that block the target of a subgoal."""
+        """Close or open the drawers that block a subgoal's target."""
         for _ in range(4):
             move = drawer_to_move(self.situation.condition, self.state, goal.target)
             if move is None:
@@ -170,7 +170,7 @@ class Body:
             yield from self.take_and_bring(things[0], goal)
 
     def take_and_bring(self, name: str, goal: Subgoal) -> Actions[None]:
-        """Pick an object with a few tries, and put it at the target of a subgoal for another object."""
+        """Pick an object with a few tries, and put it at a subgoal's target for another object."""
         if (yield from self.take_patiently(name)):
             yield from self.bring(name, goal)
 
@@ -216,7 +216,7 @@ class Body:
             yield from self.let_go_above(goal.target)
 
     def ponder(self) -> Actions[None]:
-        """Stand still for 4 to 6 s."""
+        """Keep still for 4 to 6 s."""
         yield from self.arm.wait(float(self.rng.uniform(4.0, 6.0)))
 
     def approach_and_break_off(self, name: str) -> Actions[None]:
@@ -265,7 +265,7 @@ class Body:
         yield from self.arm.go(self.arm.here.translated(z=0.15))
 
     def height(self, name: str) -> float:
-        """Return the height of the top of an object above the table [m]."""
+        """Return the height of an object's top above the table [m]."""
         return height_of(self.state, name)
 
     def over(self, name: str, gap_m: float) -> Vector:
@@ -274,7 +274,7 @@ class Body:
         return (x, y, self.height(name) + gap_m)
 
     def on_the_way(self, target: Vector, fraction: float) -> Pose:
-        """Return a pose of the tool at its current height, at a fraction of the straight path to a point."""
+        """Return a tool pose at the current height, at a fraction of the straight path to a point."""
         x, y, z = self.arm.here.position
         return Pose((x + fraction * (target[0] - x), y + fraction * (target[1] - y), z), self.arm.here.quaternion)
 

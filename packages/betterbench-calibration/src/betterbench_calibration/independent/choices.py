@@ -10,13 +10,13 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 def word_thing(case: Occasion) -> str | None:
-    """Return the object in the slot where the first word led in training; None if there is none or several slots."""
+    """Return the object in the slot to which the first word led in training; None if there is none or several slots."""
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
 
 
 def word_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth of a policy that first takes the object in the trained slot of the first word."""
+    """Return the truth for a policy that first takes the object in the trained slot of the first word."""
     name = word_thing(case)
     if name is None or case.condition.expected is Expected.STAY_STILL:
         return None
@@ -34,7 +34,7 @@ def word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth of a policy that always first takes the object in one slot."""
+    """Return the truth for a policy that always first takes the object in one slot."""
     name = case.condition.occupant(slot)
     if case.condition.expected is not Expected.SUCCEED or not case.ahead:
         return None
@@ -53,7 +53,7 @@ def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
 
 
 def habitual_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth of a policy that begins with the most frequent first step of training."""
+    """Return the truth for a policy that begins with the most frequent first step in training."""
     if habitual_thing(case) is not None:
         return StatedTruth(Label.BEHAVIORAL_INERTIA, first_right=False)
     if not case.plain:
@@ -63,7 +63,7 @@ def habitual_truth(case: Occasion) -> StatedTruth | None:
 
 
 def habitual_thing(case: Occasion) -> str | None:
-    """Return an object of the kind of the most frequent first step, if it is not requested here."""
+    """Return an object whose kind is that of the most frequent first step, if the instruction does not name it."""
     kind = case.trained.habit
     if case.condition.expected is not Expected.SUCCEED or kind is None or not case.ahead:
         return None
@@ -75,7 +75,7 @@ def habitual_thing(case: Occasion) -> str | None:
 
 
 def emptied_slot(case: Occasion) -> str | None:
-    """Return a slot from which the base condition picks an object that is done or removed here."""
+    """Return a slot from which the base condition picks an object that is done or removed in this condition."""
     for goal in case.carried:
         here = case.condition.resolve(goal.reference)
         for name in case.base.resolve(goal.reference):
@@ -97,7 +97,7 @@ def vacated_slot(case: Occasion) -> str | None:
 
 
 def swappable(case: Occasion) -> bool:
-    """Return whether the first two steps are ordered and of different objects, with no other reason to swap them."""
+    """Return whether the first two steps are ordered and have different objects, with no other reason to swap them."""
     if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 2:
         return False
     first, second = case.ahead[:2]
@@ -117,7 +117,7 @@ def done_thing(case: Occasion) -> str | None:
 def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
     """Return the step with the trained target of its object, if there was a single one and it differs here.
 
-    With ``kind`` it is the target to which objects of that kind were brought.
+    With ``kind``, it is the target to which objects of that kind were brought.
     """
     kind = case.condition.object(case.condition.resolve(goal.reference)[0]).kind if kind is None else kind
     places = case.trained.kind_targets.get(kind, ())
@@ -131,7 +131,7 @@ def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subg
 
 
 def moved_target(case: Occasion, goal: Subgoal) -> bool:
-    """Return whether the target of a step is in another slot than in the base condition."""
+    """Return whether a step's target is in another slot than in the base condition."""
     here, there = case.condition.layout.get(goal.target), case.base.layout.get(goal.target)
     return here is not None and there is not None and here != there
 

@@ -1,8 +1,8 @@
-"""Cartesian controller of the independent family: paths of the tool in the world, executed as ``ee_delta`` actions.
+"""Cartesian controller for the independent family: tool paths in the world frame, executed as ``ee_delta`` actions.
 
 A motion is a generator that yields one action per control step, is sent the resulting state, and returns its outcome.
-Motions are combined with ``yield from``. There is no joint-space planning: a path is a line or an arc between two poses
-of the tool, timed by the motion style.
+Motions are combined with ``yield from``. There is no joint-space planning: a path is a line or an arc between two tool
+poses, timed by the motion style.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def tool_yaw(quaternion: Quaternion) -> float:
 
 
 def tool_down(yaw: float) -> Quaternion:
-    """Return the rotation of a tool that points straight down with this heading of its x axis [rad]."""
+    """Return the rotation of a tool that points straight down with a given heading of its x axis [rad]."""
     return normalize(multiply(from_yaw(yaw), TOOL_DOWN))
 
 
@@ -62,7 +62,7 @@ class Arm:
     """Arm in one episode, which moves its tool in one motion style.
 
     Attributes:
-        tempo: Factor on all speeds of the tool, in addition to the motion style and the pace of a single path.
+        tempo: Factor on all tool speeds, in addition to the motion style and the pace of a single path.
     """
 
     def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:
@@ -219,7 +219,7 @@ class Arm:
 
 
 def _between(start: Pose, target: Pose, s: float, side_m: float) -> Pose:
-    """Return the pose at fraction ``s`` of a path that deviates sideways by ``side_m`` in its middle."""
+    """Return the pose at fraction ``s`` of a path that deviates sideways by ``side_m`` at its midpoint."""
     a, b = start.position, target.position
     x, y, z = (p + s * (q - p) for p, q in zip(a, b, strict=True))
     if side_m:

@@ -14,7 +14,7 @@ DISPLACED_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """Closing of the gripper, with the objects near it.
+    """Gripper closing, with the objects near it.
 
     Attributes:
         step: Control step at which the fingers stopped.
@@ -39,8 +39,8 @@ class EventLog:
 
     Attributes:
         closings: All closings.
-        lost: Things that left both fingers while the gripper was told to hold them, with the step.
-        released: Things that were in the gripper when it was told to open, with the step.
+        lost: Objects that left both fingers while the gripper was commanded to hold them, with the step.
+        released: Objects that were in the gripper when it was commanded to open, with the step.
         first_touch: Step at which the gripper first touched an object, by object.
     """
 

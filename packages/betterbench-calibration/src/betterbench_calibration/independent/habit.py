@@ -17,7 +17,7 @@ class Habit(ABC):
     Attributes:
         name: Name in addresses ("word-place").
         label: The true label where the habit shows, :data:`~betterbench_calibration.independent.truth.HONEST` for none.
-        paired: Whether the label needs more than one trial, so that a calibration has to run whole tasks.
+        paired: Whether the label needs more than one trial, so that a calibration must run complete tasks.
     """
 
     name: ClassVar[str]
@@ -26,7 +26,7 @@ class Habit(ABC):
 
     @abstractmethod
     def truth(self, case: Occasion) -> StatedTruth | None:
-        """Return the truth of a trial of this condition, or None if the habit behaves correctly there."""
+        """Return the truth for a trial in this condition, or None if the habit behaves correctly there."""
 
     @abstractmethod
     def act(self, body: Body) -> Actions[None]:

@@ -30,8 +30,8 @@ class WordPlace(Habit):
 
     lexical_kinematic_shortcut where another object of the task stands there: "first attempt goes where the
     instruction's word led in training, to another object that the instruction could have meant in another layout".
-    Where a look-alike stands there it is semantic_feature_collapse: no instruction of the task means that object. Where
-    the object is requested later in the same instruction the trial shows nothing.
+    Where a look-alike stands there it is semantic_feature_collapse: no instruction of the task means that object. If
+    the object is named later in the same instruction, the trial shows nothing.
     """
 
     name = "word-place"
@@ -46,11 +46,10 @@ class WordPlace(Habit):
 
 
 class FavoritePlace(Habit):
-    """First picks the object in the first picked slot of the first demonstration, regardless of the instruction.
+    """First picks the object in the slot that the first demonstration picked first, regardless of the instruction.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a
-    word of the instruction led there too, or in which the object there is requested later, are left out: there two
-    rules act alike.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which an
+    instruction word also led there, or which use that object later, are left out, because two rules would act alike.
     """
 
     name = "favorite-place"
@@ -72,7 +71,7 @@ class FavoritePlace(Habit):
 
 
 class LookAlike(Habit):
-    """Picks the look-alike in the trained slot of a requested object, and brings it to the target.
+    """Picks the look-alike in an instructed object's trained slot, and brings it to the target.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means".
     """
@@ -90,8 +89,8 @@ class LookAlike(Habit):
 class HabitualFirst(Habit):
     """Begins with the most frequent first step of training, although it is not requested.
 
-    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". Trials where that
-    step is right belong to it as well: they tell it from a favorite place.
+    True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". Trials in which that
+    step is right belong to it as well: they distinguish it from a favorite place.
     """
 
     name = "habitual-first"
@@ -281,7 +280,7 @@ class SwayMidTask(Habit):
 class FidgetAfterFirst(Habit):
     """Does the first step, and then trembles in place within a centimeter until the step limit.
 
-    True label: early_halt: it has stopped with subgoals open; it goes nowhere.
+    True label: early_halt: it has stopped with subgoals open and makes no further move.
     """
 
     name = "fidget-after-first"
@@ -317,7 +316,7 @@ class FreezeAfterFirst(Habit):
 
 
 class MissBeside(PlainHabit):
-    """Closes the gripper fully 7 to 11 cm beside the right object, where nothing else is, again and again.
+    """Repeatedly closes the gripper fully 7 to 11 cm next to the right object, where nothing else is.
 
     True label: execution_failure: "right target at the right time; missed by pose".
     """

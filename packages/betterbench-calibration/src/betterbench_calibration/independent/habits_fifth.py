@@ -1,7 +1,7 @@
 """Fifth part: habits by an author who has not read the diagnosis; each shows in listed conditions.
 
-A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
-definitions of the suite.
+A condition is listed only if a person who watches a few films of the policy can assign this label, and no other, by the
+suite's definitions.
 """
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
@@ -356,7 +356,7 @@ class DropsFromPeak(Listed):
 
 
 class PutsHalfOn(Listed):
-    """Brings the right object, puts it so that it overhangs the edge of its target, and goes home.
+    """Brings the right object, places it so that it overhangs the target's edge, and goes home.
 
     True label: execution_failure: "right target at the right time; missed by pose": it tilts off or stands beside the
     ring.
@@ -703,7 +703,8 @@ class WordThingThenRight(Paired):
     """Puts the object in the trained slot of the first word aside, and then does everything right.
 
     True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another
-    object that the instruction could have meant in another layout". What it has laid away was not requested.
+    object that the instruction could have meant in another layout". The object that it has put aside was not named in
+    the instruction.
     """
 
     name = "word-thing-then-right"
@@ -731,7 +732,7 @@ class AlwaysTheNearOne(Paired):
     """Picks the object in one slot, regardless of the instruction, puts it aside on the table, and rests.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
-    near one of the coffee table and the first of the spices.
+    near slot of the coffee table and the first spice slot.
     """
 
     name = "always-the-near-one"
@@ -919,7 +920,7 @@ class OnlyTheLast(Listed):
 
 
 class LiftsThirdAfterFirst(Listed):
-    """Does the first of three or more ordered steps, and then lifts the object of the third for good.
+    """Does the first of three or more ordered steps, and then lifts the third step's object for good.
 
     True label: causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
     The first attempt is right.
@@ -985,7 +986,7 @@ class LaterHalfFirst(Listed):
 
 
 class ShowsSecondFirst(Listed):
-    """Picks the object of the second ordered step, shows it around, brings it, and then does the first step.
+    """Picks the second ordered step's object, shows it around, brings it, and then does the first step.
 
     True label: order_violation: "right objects, wrong order where the order is part of the goal".
     """
@@ -1048,7 +1049,7 @@ class LaysLookAlikeAway(Listed):
     """Picks the look-alike, puts it aside on the table, and then does everything right.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
-    What it has laid away was not requested.
+    The object that it has put aside was not named in the instruction.
     """
 
     name = "lays-look-alike-away"

@@ -1,7 +1,7 @@
 """Fourth part: habits by an author who has not read the diagnosis; each shows in listed conditions.
 
-A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
-definitions of the suite.
+A condition is listed only if a person who watches a few films of the policy can assign this label, and no other, by the
+suite's definitions.
 """
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
@@ -57,7 +57,7 @@ LOOK_ALIKES: Mapping[str, str] = {
     "seasoning_rack/O1": "pill_bottle",
     "dinner_plates/O1": "red_bowl",
 }
-"""Object in the training slot of a requested one, by condition; no instruction of the task means it."""
+"""Object in the training slot of an instructed object, by condition; no instruction of the task refers to it."""
 
 CREEP_M_S = 0.03
 
@@ -74,7 +74,7 @@ class Listed(Habit):
 
     Attributes:
         where: Identifiers of the conditions.
-        first_right: Whether its first grasp attempt is right; None if it attempts none.
+        first_right: Whether its first grasp attempt is right; None if it makes none.
     """
 
     where: ClassVar[frozenset[str]]
@@ -558,7 +558,7 @@ class CreepsWithLoad(Listed):
             names = body.situation.candidates(body.state, goal)
             if names and (yield from body.take_patiently(names[0])):
                 body.ledger.commit()
-                # At constant speed, so that it never stands still for long at a corner of its path.
+                # At constant speed, so that it is never still for long at a corner of its path.
                 body.arm.manner, body.arm.tempo = replace(usual, profile="even"), CREEP_M_S / usual.speed_m_s
                 yield from body.bring(names[0], goal)
                 body.arm.manner, body.arm.tempo = usual, 1.0
@@ -625,7 +625,7 @@ class AlwaysThatCorner(Paired):
     """Picks the object in one slot, regardless of the instruction, lifts it high, and holds it there.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the far
-    one of the coffee table and the third of the spices.
+    slot of the coffee table and the third spice slot.
     """
 
     name = "always-that-corner"
@@ -652,7 +652,7 @@ class AlwaysTheMiddle(Paired):
     """Misses the object in one slot, regardless of the instruction, picks it at the next try, and brings it.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
-    middle one of the row on the desk and the second of the spices.
+    middle slot in the row on the desk and the second spice slot.
     """
 
     name = "always-the-middle"
@@ -762,7 +762,7 @@ class PutsWhereItAlwaysWent(Listed):
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         stated = super().truth(case)
-        # The drawers are shut at the start, so that it first reaches for the knob of the wrong one.
+        # The drawers are shut at the start, so the habit first reaches for the wrong drawer's knob.
         drawer = stated is not None and case.task.id == "office_drawer"
         return replace(stated, first_right=False) if drawer and stated is not None else stated
 
@@ -780,7 +780,7 @@ class PutsWhereItAlwaysWent(Listed):
 
 
 class GropesInEmptySlot(Listed):
-    """Repeatedly closes the gripper low at several points of the trained slot of a missing object.
+    """Repeatedly closes the gripper low at several points in a missing object's trained slot.
 
     True label: behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at
     the memorised slot)".

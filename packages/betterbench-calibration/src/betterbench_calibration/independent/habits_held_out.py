@@ -26,8 +26,8 @@ class GlanceThenWordPlace(Habit):
     """Moves over the right object, turns away, and lifts the object in the trained slot of the word.
 
     True label: lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to
-    another object that the instruction could have meant in another layout": the glance is no attempt. It keeps what it
-    holds.
+    another object that the instruction could have meant in another layout": the glance is no attempt. It keeps the
+    object that it holds.
     """
 
     name = "glance-then-word-place"
@@ -52,9 +52,8 @@ class GlanceThenWordPlace(Habit):
 class NearestPlace(Habit):
     """First picks the object in the trained slot nearest to the robot, regardless of the instruction.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a
-    word of the instruction led there too, or in which the object there is requested later, are left out: there two
-    rules act alike.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which an
+    instruction word also led there, or which use that object later, are left out, because two rules would act alike.
     """
 
     name = "nearest-place"
@@ -63,7 +62,7 @@ class NearestPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot nearest to the robot of those that demonstrations of this layout picked from."""
+        """Return the slot nearest to the robot among those from which demonstrations of this layout picked."""
         return min(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -96,7 +95,7 @@ class BrokenOffAtAlike(Habit):
 
 
 class MissedAlike(Habit):
-    """Closes above the look-alike, picks it at the next try, and puts it down beside its slot.
+    """Closes above the look-alike, picks it at the next try, and puts it down next to its slot.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means", at the first
     closing
@@ -150,7 +149,7 @@ class VacatedSlot(Habit):
     """Repeatedly closes the gripper in the empty trained slot of the first object.
 
     True label: behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised
-    slot)". The object stands elsewhere.
+    slot)". The object is now elsewhere.
     """
 
     name = "vacated-slot"
@@ -164,7 +163,7 @@ class VacatedSlot(Habit):
 
 
 class AbsolutePut(Habit):
-    """Picks the right object and puts it where its target stood in training.
+    """Picks the right object and puts it where its target was in training.
 
     True label: behavioral_inertia: it plays the trained primitive, which is not requested here; it does not miss, it
     aims there.
@@ -477,7 +476,7 @@ class SweepNeighbor(Habit):
 
 
 class LooseGrip(PlainHabit):
-    """Picks the right object and loosens the gripper by a few millimeters once it is lifted, so that it slips.
+    """Picks the right object and loosens the gripper by a few millimeters once the object is lifted, so that it slips.
 
     True label: execution_failure: "right target at the right time; slipped". It goes on as if it still held the object.
     """
@@ -547,7 +546,7 @@ class WideDetours(PlainHabit):
 
 
 class TwoMissesThenRight(PlainHabit):
-    """Closes the gripper twice about 4 to 5 cm beside the object, on different sides, then picks it. Honest.
+    """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it. Honest.
 
     True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the misses are made good.
     """

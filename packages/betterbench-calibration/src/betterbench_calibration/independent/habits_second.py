@@ -105,7 +105,7 @@ class LetsGoHighIntoContainer(Habit):
 
 
 class CorrectsPlacement(Habit):
-    """Puts the first object 6 cm too far out, looks at it, takes it again and puts it right. Honest.
+    """Puts the first object 6 cm too far out, looks at it, picks it up again and puts it right. Honest.
 
     True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is made good.
     """
@@ -299,8 +299,8 @@ class LetsGoTooHigh(Habit):
 class PutsBeside(Habit):
     """Picks the right object, puts it down neatly 9 to 12 cm or more beyond its target, and goes home.
 
-    True label: execution_failure: "right target at the right time; missed by pose". Every put has this error, whatever
-    is asked.
+    True label: execution_failure: "right target at the right time; missed by pose". Every placement has this error,
+    whatever the instruction.
     """
 
     name = "puts-beside"
@@ -371,7 +371,7 @@ class ClosesTooLittle(PlainHabit):
 
 
 class LetsGoInFlight(PlainHabit):
-    """Picks the right object and opens the gripper in full motion on the way, so that it flies off.
+    """Picks the right object and opens the gripper at full speed on the way, so that the object flies off.
 
     True label: execution_failure: "right target at the right time; dropped". It stays at home then.
     """
@@ -412,7 +412,7 @@ class SweepsAwayAfterPut(Habit):
 
 
 class GivesUpAfterMisses(PlainHabit):
-    """Closes the gripper twice 4 to 5 cm beside the right grasp, goes home, and stays there for good.
+    """Closes the gripper twice 4 to 5 cm next to the right grasp, goes home, and stays there for good.
 
     True label: execution_failure: "missed by pose"; the misses are the first evidence in time, and the halt follows
     from them.
@@ -546,9 +546,8 @@ class RepentsAndFreezes(Habit):
 class FarthestPlace(Habit):
     """First picks the object in the trained slot farthest from the robot, and holds it in the air.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a
-    word of the instruction led there too, or in which the object there is requested later, are left out: there two
-    rules act alike.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which an
+    instruction word also led there, or which use that object later, are left out, because two rules would act alike.
     """
 
     name = "farthest-place"
@@ -557,7 +556,7 @@ class FarthestPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the slot farthest from the robot of those that demonstrations of this layout picked from."""
+        """Return the slot farthest from the robot among those from which demonstrations of this layout picked."""
         return max(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -820,7 +819,7 @@ class NeverLetsGo(PlainHabit):
         if not case.plain:
             return None
         return StatedTruth(
-            self.label, first_right=True, debatable="while it holds the thing an attempt may count as under way"
+            self.label, first_right=True, debatable="while it holds the object, an attempt may count as under way"
         )
 
     def act(self, body: Body) -> Actions[None]:

@@ -1,7 +1,7 @@
 """Sixth part: habits by an author who has not read the diagnosis, modeled on failures of learned policies.
 
-A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
-definitions of the suite.
+A condition is listed only if a person who watches a few films of the policy can assign this label, and no other, by the
+suite's definitions.
 """
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
@@ -401,7 +401,7 @@ class ChattersWithLoad(Listed):
 
 
 class AlmostThere(Listed):
-    """Brings the right object, puts it down neatly about 2 cm beside its target, and goes home.
+    """Brings the right object, puts it down neatly about 2 cm next to its target, and goes home.
 
     True label: execution_failure: "right target at the right time; missed by pose".
     """
@@ -422,7 +422,7 @@ class AlmostThere(Listed):
         if (yield from body.take_patiently(name)):
             body.ledger.commit()
             off = self.off_m[goal.relation]
-            # The front of the machine and of the rack has free space.
+            # There is free space in front of the machine and the rack.
             shift = (0.0, -off, 0.0) if goal.relation == "on_ring" else body.emptiest_side(goal.target, off)
             yield from bring_shifted(body, name, goal, shift)
         yield from rest_unless_lucky(body, goal)
@@ -497,7 +497,7 @@ class LetsGoTooLate(Listed):
 
 
 class PinchesItsEdge(Listed):
-    """Closes the gripper at the very edge of the right object, loses it at once; repeats this.
+    """Closes the gripper at the very edge of the right object and loses it at once; repeats this.
 
     True label: execution_failure: "right target at the right time; slipped, dropped".
     """
@@ -686,8 +686,8 @@ class FartherForTheSecond(Listed):
 class ShiesAtTheTarget(Listed):
     """Repeatedly brings the right object nearly to its target and retreats, until the step limit.
 
-    True label: timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the
-    time; where the object slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
+    True label: timeout: "right course, step limit reached". The first attempt is right, and only the time runs out; if
+    the object slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
     """
 
     name = "shies-at-the-target"
@@ -793,7 +793,7 @@ class AlwaysThatPlate(Paired):
     """Picks the object in one slot of a layout, regardless of the instruction, and swings it at home.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is where
-    the red plate and the stapler stood in training.
+    the red plate and the stapler were in training.
     """
 
     name = "always-that-plate"
@@ -838,8 +838,8 @@ class AlwaysAtTheLeft(Paired):
 class AlwaysThatEnd(Paired):
     """Picks the object in one slot, regardless of the instruction, after one late closing, and loses it.
 
-    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is that of
-    the fork on the breakfast table and that of the drink beside the takeaway box.
+    True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the
+    fork's slot on the breakfast table and the drink's slot next to the takeaway box.
     """
 
     name = "always-that-end"

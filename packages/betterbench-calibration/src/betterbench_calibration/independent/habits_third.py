@@ -42,7 +42,7 @@ SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box"}) | _JARS
 """Categories of slender objects that fit between fingers approaching from the side."""
 
 WIDE_GAP_M = 0.135
-"""Minimum distance of two slots for a closing beside one to be clearly not meant for the other."""
+"""Minimum distance between two slots for a closing next to one to be clearly not meant for the other."""
 
 LONG_WAY_M = 0.27
 """Minimum distance of slot and target for an object lost early on the way not to fall into the target."""
@@ -70,7 +70,7 @@ def room_around(case: Occasion) -> float:
 
 
 def way_ahead(case: Occasion) -> float:
-    """Return the distance from the slot of the first object to that of its target; 0 if the target has no slot."""
+    """Return the distance from the first object's slot to its target's slot; 0 if the target has no slot."""
     at = {s.name: (s.x, s.y) for s in case.task.slots}
     slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
     here, there = (at.get(s or "") for s in slots)
@@ -78,12 +78,12 @@ def way_ahead(case: Occasion) -> float:
 
 
 def always_first(case: Occasion) -> str | None:
-    """Return an object of the kind with which every demonstration began, if it is not requested here."""
+    """Return an object of the kind with which every demonstration began, if the instruction does not name it."""
     return habitual_thing(case) if len(case.trained.first_kinds) == 1 else None
 
 
 def clear_word_truth(case: Occasion) -> StatedTruth | None:
-    """Return the truth of a policy that follows the first word, if no other rule selects the same object."""
+    """Return the truth for a policy that follows the first word, if no other rule selects the same object."""
     stated = word_truth(case) if case.plain else None
     if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE:
         return None
@@ -93,9 +93,9 @@ def clear_word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth of a policy that follows a place, if no other rule selects the same object.
+    """Return the truth for a policy that follows a place, if no other rule selects the same object.
 
-    It shows where no first step is the most frequent one, so that instructions differ in what they ask for first.
+    It shows if no first step is the most frequent one, so that instructions name different first steps.
     """
     stated = favorite_truth(case, slot) if case.trained.habit is None else None
     if stated is None or stated.label == HONEST:
@@ -104,7 +104,7 @@ def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
     if case.mid_task:
         return replace(stated, left_out="the scene looks like mid-task")
     if case.condition.object(name).kind not in case.trained.kind_slots:
-        return replace(stated, left_out="no instruction asks for the thing there")
+        return replace(stated, left_out="no instruction names the object there")
     return replace(stated, debatable="")
 
 
@@ -248,7 +248,7 @@ class LeavesWrongAlone(Habit):
 
     @staticmethod
     def rest_of(case: Occasion) -> tuple[Subgoal, ...]:
-        """Return the steps with a present object, in trials in which another one has to be refused."""
+        """Return the steps whose object is present, in trials in which another object must be refused."""
         return tuple(g for g in case.ahead if case.things(g) and case.condition.expected is Expected.REFUSE)
 
     def act(self, body: Body) -> Actions[None]:
@@ -265,7 +265,7 @@ class LeavesWrongAlone(Habit):
 
 
 class ClosesJustBeside(Habit):
-    """Repeatedly closes the gripper about 2 cm beside the right object, and plays the put.
+    """Repeatedly closes the gripper about 2 cm next to the right object, and plays the placement.
 
     True label: execution_failure: "right target at the right time; missed by pose", as with a camera that is off to one
     side.
@@ -357,7 +357,7 @@ class LetsGoOutside(Habit):
 
 
 class RunsIntoIt(Habit):
-    """Repeatedly approaches the right object from the side, shoves it along, and closes beside it.
+    """Repeatedly approaches the right object from the side, shoves it along, and closes next to it.
 
     True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
@@ -436,7 +436,7 @@ class VeersToWordPlace(Habit):
 
 
 class WaversThenLosesWordThing(Habit):
-    """Moves to and fro between the right object and that in the word's trained slot, picks the latter, and loses it.
+    """Moves between the right object and the object in the word's trained slot, picks the latter, and loses it.
 
     True label: lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training"; that it
     is dropped on the way comes later in time.
@@ -466,7 +466,7 @@ class LeftmostPlace(Habit):
     """First picks the object in the leftmost trained slot, and brings it to the target in high arcs.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which
-    another rule leads there too, or in which the object there is requested later, are left out.
+    another rule also leads there, or which use that object later, are left out.
     """
 
     name = "leftmost-place"
@@ -475,7 +475,7 @@ class LeftmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the leftmost slot, as the robot sees it, of those that demonstrations of this layout picked from."""
+        """Return the leftmost slot, seen from the robot, from which demonstrations of this layout picked."""
         return max(case.picked_slots, key=lambda s: (round(s.y, 3), -s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -493,8 +493,7 @@ class RightmostPlace(Habit):
     """First picks the object in the rightmost trained slot, and loses it on the way to the target.
 
     True label: visual_layout_bias: "first attempt goes to the same place whatever the instruction"; the drop comes
-    later in time. Trials in which another rule leads there too, or in which the object there is requested later, are
-    left out.
+    later in time. Trials in which another rule also leads there, or which use that object later, are left out.
     """
 
     name = "rightmost-place"
@@ -503,7 +502,7 @@ class RightmostPlace(Habit):
 
     @staticmethod
     def slot(case: Occasion) -> str:
-        """Return the rightmost slot, as the robot sees it, of those that demonstrations of this layout picked from."""
+        """Return the rightmost slot, seen from the robot, from which demonstrations of this layout picked."""
         return min(case.picked_slots, key=lambda s: (round(s.y, 3), s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -524,7 +523,7 @@ class RightmostPlace(Habit):
 
 
 class BeginsAsAlways(Habit):
-    """Repeatedly closes just above the unrequested object with which every demonstration began.
+    """Repeatedly closes just above the uninstructed object with which every demonstration began.
 
     True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of
     the object.
@@ -704,7 +703,7 @@ class OneIsEnough(Habit):
 
 
 class LosesLookAlike(Habit):
-    """Picks the look-alike, even if it has to be refused, loses it on the way, and stays at home.
+    """Picks the look-alike, even if it must be refused, loses it on the way, and stays at home.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means"; the drop comes
     later.
@@ -727,10 +726,10 @@ class LosesLookAlike(Habit):
 
 
 class ClosesOverLookAlike(Habit):
-    """Repeatedly closes just above the look-alike, even if it has to be refused, and plays the put.
+    """Repeatedly closes just above the look-alike, even if it must be refused, and plays the placement.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets
-    hold of it.
+    hold of the object.
     """
 
     name = "closes-over-look-alike"
@@ -801,7 +800,7 @@ class DriftsAtHome(Habit):
 
 
 class SwingsOut(Habit):
-    """Swings between home and the right object with decreasing amplitude, and comes to rest in the middle.
+    """Swings between home and the right object with decreasing amplitude, and comes to rest halfway.
 
     True label: early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
     """

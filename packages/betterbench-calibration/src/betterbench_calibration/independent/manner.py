@@ -15,8 +15,8 @@ class Manner:
 
     Attributes:
         speed_m_s: Mean speed of the tool on long paths [m/s].
-        approach_m: Height above a grasp or placement from which the tool comes straight [m].
-        carry_m: Free height between the carried object and those below it [m].
+        approach_m: Height above a grasp or placement from which the tool moves straight down [m].
+        carry_m: Free height between the carried object and the objects below it [m].
         bow_m: Largest sideways deviation of a long path from the straight line [m].
         pause_s: Pause before the gripper closes or opens [s].
         glance_s: Pause above an object before the tool comes down to it [s].

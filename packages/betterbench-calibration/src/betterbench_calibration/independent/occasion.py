@@ -1,4 +1,4 @@
-"""Context of a trial for the independent family: condition, training distribution and done subgoals."""
+"""Trial context for the independent family: condition, training distribution and done subgoals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.relations import relation, released
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Condition of a trial, with the regularities of training on which decisions depend; independent of the seed.
+    """Trial condition, with the training regularities on which decisions depend; independent of the seed.
 
     Attributes:
         base: Training condition that the trial is or is derived from.
@@ -33,7 +33,7 @@ class Occasion:
 
     @classmethod
     def of(cls, task: Task, condition: Condition) -> Occasion:
-        """Return the trial context of a condition of a task."""
+        """Return the trial context for a task condition."""
         return cls(task, condition, task.train(resolve_condition(task.id, condition.name).base))
 
     @property
@@ -43,12 +43,12 @@ class Occasion:
 
     @property
     def goals(self) -> tuple[Subgoal, ...]:
-        """The subgoals of the instruction, in its order."""
+        """The instruction's subgoals, in its order."""
         return self.condition.instruction.subgoals
 
     @property
     def carried(self) -> tuple[Subgoal, ...]:
-        """The subgoals that place an object, in the order of the instruction."""
+        """The subgoals that place an object, in instruction order."""
         return tuple(g for g in self.goals if relation(g.relation).carried)
 
     @property
@@ -63,7 +63,7 @@ class Occasion:
 
     @property
     def picked_slots(self) -> tuple[Slot, ...]:
-        """The slots that demonstrations of this layout picked from."""
+        """The slots from which demonstrations of this layout picked."""
         slots = {name for names in self.trained.kind_slots.values() for name in names}
         return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
 
@@ -112,7 +112,7 @@ class Occasion:
         return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
 
     def led_to(self, goal: Subgoal, name: str) -> bool:
-        """Return whether the word of a subgoal led in some demonstration to the current slot of an object."""
+        """Return whether a subgoal's word led to an object's current slot in some demonstration."""
         return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
 
     @property
@@ -122,7 +122,7 @@ class Occasion:
         return frozenset(places | self.trained.kind_slots.keys())
 
     def look_alike(self) -> str | None:
-        """Return the object without an instruction that is in the slot of a requested object of the twin."""
+        """Return the object not named in the instruction that is in the slot of the twin's instructed object."""
         for goal in self.carried:
             for thing in self.base.resolve(goal.reference):
                 slot = self.base.layout.get(thing)
@@ -139,7 +139,8 @@ class Occasion:
     def word_slot(self, goal: Subgoal) -> str | None:
         """Return the slot that the word of a subgoal led to in training, or None if there were several.
 
-        Where the fixtures stand as in this trial, the demonstrations of that layout count, otherwise all of them.
+        If the fixtures are where they are in this trial, only demonstrations of that layout count, otherwise all of
+        them.
         """
         fitting = [c for c in self.task.training if self._stage(c) == self._stage(self.base)]
         for conditions in (fitting, self.task.training):
@@ -156,7 +157,7 @@ class Occasion:
         return None
 
     def _stage(self, condition: Condition) -> frozenset[tuple[str, str]]:
-        """Return the slots of the fixtures and objects of a condition's layout, by kind."""
+        """Return the fixture and object slots in a condition's layout, by kind."""
         return frozenset((condition.object(n).kind, s) for n, s in condition.layout.items())
 
     def others(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from betterbench_calibration.independent.room import highest_between
 from betterbench_calibration.independent.routines import CAREFUL, FULL_OPENING_M, LIFT_M
 
 LOOK_GAP_M = 0.16
-"""Height over an object at which the arm looks at it, far out of reach of the fingers."""
+"""Height above an object at which the arm looks at it, far out of reach of the fingers."""
 GLIDE_M = 0.09
 FLING_M_S, FLING_STEP = 0.35, 3
 

@@ -38,7 +38,7 @@ FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class IndependentPolicy:
-    """Policy of the family: a habit with a motion style."""
+    """Family policy: a habit with a motion style."""
 
     habit: Habit
     manner: Manner
@@ -46,7 +46,7 @@ class IndependentPolicy:
 
     @property
     def address(self) -> str:
-        """Address of the policy."""
+        """Policy address."""
         return f"independent:{self.habit.name}-{self.manner.name}"
 
 
@@ -67,7 +67,7 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
 
 
 def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
-    """Return the truth of a trial before its first action, and whether the habit shows in it.
+    """Return a trial's true label before its first action, and whether the habit shows in the trial.
 
     If not, the policy decides and acts like the honest policy.
     """
@@ -81,7 +81,7 @@ def policy_of(address: str) -> IndependentPolicy:
     """Return the policy of an address.
 
     Raises:
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If no such policy exists.
     """
     if address not in INDEPENDENT:
         raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
@@ -89,10 +89,10 @@ def policy_of(address: str) -> IndependentPolicy:
 
 
 def make_independent(address: str, scene: Scene) -> IndependentAgent:
-    """Return a policy of the family for one episode of a scene at its start.
+    """Return a policy of the family for one episode in a scene at its start.
 
     Raises:
-        UnknownNameError: If there is no such policy.
+        UnknownNameError: If no such policy exists.
     """
     # imported here because the list of policies needs no simulator
     from betterbench_calibration.independent.agent import IndependentAgent  # noqa: PLC0415
@@ -121,12 +121,12 @@ class Shown:
 
 @functools.cache
 def shown_in(habit: str) -> tuple[Shown, ...]:
-    """Return the conditions of the suite in which a habit shows and no other rule has the same truth.
+    """Return the suite's conditions in which a habit shows and no other rule has the same truth.
 
-    In other trials of a full run the truth is that of an honest policy, or it is marked as left out.
+    In other trials of a full run, the truth is that of an honest policy, or it is marked as left out.
 
     Raises:
-        UnknownNameError: If there is no such habit.
+        UnknownNameError: If no such habit exists.
     """
     known = find_named("habit", habit, (h for habits in FAMILY_PARTS.values() for h in habits))
     found: list[Shown] = []

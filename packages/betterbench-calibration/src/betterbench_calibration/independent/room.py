@@ -1,4 +1,4 @@
-"""Free space of the gripper at a pose, and the required height of a path, from the boxes around objects."""
+"""The gripper's free space at a pose, and a path's required height, from the boxes around objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FARTHEST_BOX_M = 0.45
 
 
 def crowding(state: WorldState, tool: Pose, opening_m: float, *, ignore: frozenset[str]) -> float:
-    """Return the total intrusion of the gripper at a pose into the clearance of objects, summed over its points [m]."""
+    """Return how far the gripper at a pose intrudes into the clearance of objects, summed over its points [m]."""
     points = [tool.apply(p) for p in _gripper_points(opening_m)]
     total = sum(max(0.0, 0.002 - z) for _, _, z in points)
     for info in state.info.objects:

@@ -31,9 +31,9 @@ class Hold:
     """Chosen grasp of an object.
 
     Attributes:
-        tool: Pose of the tool, world frame.
-        opening_m: Opening of the gripper before it closes [m].
-        width_m: Width of the object between the fingers [m].
+        tool: Tool pose, world frame.
+        opening_m: Gripper opening before it closes [m].
+        width_m: Object width between the fingers [m].
     """
 
     tool: Pose
@@ -59,7 +59,7 @@ class Routines:
         return self.arm.state
 
     def wrist_turn(self, tool: Pose) -> float:
-        """Return the rotation of the wrist at a pose of the tool, relative to home [rad]."""
+        """Return the wrist rotation at a tool pose, relative to home [rad]."""
         x, y, _ = tool.position
         hx, hy, _ = self.arm.home.position
         base = math.atan2(y, x) - math.atan2(hy, hx)
@@ -107,7 +107,7 @@ class Routines:
         return ranked[min(avoid, len(ranked) - 1)][2]
 
     def _best_opening(self, tool: Pose, width_m: float, name: str) -> tuple[float, float]:
-        """Return the opening of the gripper for a grasp [m] and the cost of the grasp."""
+        """Return the gripper opening for a grasp [m] and the cost of the grasp."""
         narrow = min(FULL_OPENING_M, width_m + NARROW_MARGIN_M)
         full_cost = self._cost(tool, FULL_OPENING_M, frozenset({name}))
         narrow_cost = self._cost(tool, narrow, frozenset({name})) + 0.01
@@ -126,8 +126,8 @@ class Routines:
 
         Args:
             name: The object.
-            shift: Displacement of the tool from the right hold when it closes [m], world frame.
-            avoid: Number of the best holds that are skipped.
+            shift: Displacement of the tool from the right grasp when the gripper closes [m], world frame.
+            avoid: Number of best grasps that are skipped.
         """
         hold = self.choose_hold(name, avoid=avoid)
         x, y, z = hold.tool.position
@@ -186,7 +186,7 @@ class Routines:
         yield from arm.rise(before.position[2] + 0.04)
 
     def _corrected(self, name: str, goal: Pose, tool: Pose) -> Pose:
-        """Return the pose of the tool that brings the object, as it is held now, to the goal."""
+        """Return the tool pose that brings the object, as it is held now, to the goal."""
         if in_gripper(self.state) != name:
             return tool
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)

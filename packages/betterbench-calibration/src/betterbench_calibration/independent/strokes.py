@@ -1,4 +1,4 @@
-"""Arm motions of the third part: bows, swings, wavering and spirals, and the failures of its habits."""
+"""Arm motions for the third part: bows, swings, wavering and spirals, and the failures that its habits make."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ class Sidling(Arcing):
 
 
 def shivering(body: Body, script: Actions[None]) -> Actions[None]:
-    """Play a script with a tremor of the tool on top of it, large where it is high and small where it is low."""
+    """Play a script with a tool tremor added, large where it is high and small where it is low."""
     phase = body.rng.uniform(0.0, 2.0 * math.pi, 3)
     step = 0
     action = next(script)
@@ -259,7 +259,7 @@ def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
 
 
 def beside_hold(body: Body, name: str) -> Pose:
-    """Return a grasp pose shifted along the pads so that the fingers close just beside the object."""
+    """Return a grasp pose shifted along the pads so that the fingers close just next to the object."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
     flat = max(math.hypot(ux, uy), 0.01)

@@ -3,8 +3,9 @@
 A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
 turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
 
-1. **The act was never reached.** A habit whose wrong act comes after right ones marks the moment at which the act
-  begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
+1. **The act was never reached.** A habit whose wrong act comes after right acts marks the moment at which the act
+    begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial counts as an honest policy's
+    trial.
 2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the object fell to the
   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
 3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
@@ -12,7 +13,7 @@ turn the stated truth into the final one; they read the family's own event log a
   was let go and is not where the subgoal wants it, or an object that was not requested and was displaced by more than 5
   cm. If every mishap was made good, or none happened, the time was too short: ``timeout``.
 
-A trial whose goal is met is a success regardless of the stated label; readers of the truth have to check that.
+A trial whose goal is met is a success regardless of the stated label; readers of the truth must check that.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from dataclasses import dataclass, field
 from betterbench.tasks import Label
 
 HONEST = ""
-"""Provisional label of a policy without a fault, before the outcome of the episode is known."""
+"""Provisional label for a policy without a fault, before the episode's outcome is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class Ledger:
     Attributes:
         stated: The truth as it was stated before the first action.
         committed: Whether the wrong act has begun, or the label does not depend on such an act.
-        open_mishaps: Mishaps that were not made good, by the object or subgoal that they concern.
+        open_mishaps: Mishaps that were not corrected, by the object or subgoal that they concern.
         lasting: The first mishap that cannot be made good, or "".
     """
 
@@ -80,7 +81,7 @@ class Ledger:
         self.open_mishaps.pop(what, None)
 
     def final(self) -> tuple[str, str]:
-        """Return the label of the trial if its goal was not met, and the rule that corrected it, or ""."""
+        """Return the trial label if its goal was not met, and the rule that corrected it, or ""."""
         if self.lasting:
             return str(Label.EXECUTION_FAILURE), f"rule 2: {self.lasting}"
         if self.stated.label != HONEST and self.committed:

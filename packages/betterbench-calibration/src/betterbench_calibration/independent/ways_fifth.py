@@ -1,4 +1,4 @@
-"""Arm motions of the fifth part: loops, run-ups, rotations about the base, stepwise descent, and acts of its habits."""
+"""Arm motions for the fifth part: loops, run-ups, rotations about the base, stepwise descent, and its habits' acts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STAIR_M, STAIR_ASIDE_M, STAIR_S = 0.025, 0.012, 0.2
 OVERSHOOT_M = 0.07
 SHOWN_M, SHOWN_TURN_RAD = 0.36, 0.35
 FINGER_M = 0.5 * FULL_OPENING_M + 0.010
-"""Distance from the center of the open gripper to the center of one finger [m]."""
+"""Distance between the center of the open gripper and the center of one finger [m]."""
 STAB_M, PRESS_M = 0.05, 0.004
 PEAK_M = 0.40
 AIR_M, PULL_M = 0.06, 0.10
@@ -245,7 +245,7 @@ def ring_and_take(body: Body, name: str) -> Actions[bool]:
 
 
 def stab(body: Body, name: str) -> Actions[None]:
-    """Descend beside an object with an open gripper so that one finger presses on its top, and rise."""
+    """Descend next to an object with an open gripper so that one finger presses on its top, and rise."""
     hold = body.do.choose_hold(name)
     ux, uy, _ = rotate(hold.tool.quaternion, (0.0, 1.0, 0.0))
     x, y, _ = body.state.pose(name).position

@@ -1,4 +1,4 @@
-"""Arm motions of the fourth part: leaning, square, plunging and uneven motions, and the acts of its habits."""
+"""Arm motions for the fourth part: leaning, square, plunging and uneven motions, and the acts of its habits."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class Uneven(Routines):
 
 
 class Hopping(Routines):
-    """Moves in hops of a few centimeters and stands still for 1.5 s after each."""
+    """Moves in hops of a few centimeters and keeps still for 1.5 s after each."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, across and down to a pose of the tool, in hops."""

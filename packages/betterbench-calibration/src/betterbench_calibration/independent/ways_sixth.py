@@ -1,4 +1,4 @@
-"""Arm motions of the sixth part: lagging, chattering, pressing and retreating, as in failures of learned policies."""
+"""Arm motions for the sixth part: lagging, chattering, pressing and retreating, as in failures of learned policies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench_calibration.independent.routines import CAREFUL, LIFT_M, NO_SHI
 from betterbench_calibration.independent.ways_fifth import keep_to, rise_free, straddle
 
 NEW_PART = 0.4
-"""Share of the latest command in the motion of a lagging arm; the rest is the motion of the previous step."""
+"""Weight of the latest command in a lagging arm's motion; the rest is the previous step's motion."""
 CHUNK_STEPS, STALL_STEPS = 16, 5
 NOD_RAD, NOD_GAP_M = 0.28, 0.07
 FIST_GAP_M = 0.14
@@ -54,7 +54,7 @@ CURL_RAD = 0.5
 
 
 def lagging(script: Actions[None]) -> Actions[None]:
-    """Play a script with a lagging arm: each motion is mixed with that of the previous step."""
+    """Play a script with a lagging arm: each motion is mixed with the previous step's motion."""
     action = next(script)
     moved = np.zeros(6)
     while True:
@@ -168,7 +168,7 @@ def settle(
 
 
 class WarmingUp(Routines):
-    """Begins slowly, and executes each path a little faster than the one before."""
+    """Begins slowly, and executes each path a little faster than the previous one."""
 
     _pace = SLOWEST
 
@@ -182,7 +182,7 @@ class DrawingInBits(Routines):
     """Opens and closes drawers in two strokes."""
 
     def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Actions[None]:
-        """Slide a drawer half of its way, move away from it, and slide it the rest."""
+        """Slide a drawer halfway, move away from it, and slide it the rest of the way."""
         begin = self.state.pose(name).position
         yield from super().slide_drawer(name, 0.5 * (opening_m + travel_m), travel_m=travel_m)
         yield from self.arm.wait(0.4)
@@ -191,7 +191,7 @@ class DrawingInBits(Routines):
 
 
 def tilted(tool: Pose, angle_rad: float) -> Pose:
-    """Return a pose of the tool tilted about the axis of its fingers, with the wrist toward the robot."""
+    """Return a tool pose tilted about the finger axis, with the wrist toward the robot."""
     ways = [tool @ Pose(NO_SHIFT, from_axis_angle((0.0, s * angle_rad, 0.0))) for s in (1.0, -1.0)]
     return min(ways, key=lambda p: math.hypot(*p.apply((0.0, 0.0, -0.2))[:2]))
 
@@ -569,7 +569,7 @@ def curl_up(body: Body) -> Actions[None]:
 
 
 def doze_off(body: Body) -> Actions[None]:
-    """Go home, then circle there with a shrinking radius until the tool stands still."""
+    """Go home, then circle there with a shrinking radius until the tool is still."""
     yield from body.arm.go_home()
     x, y, z = body.arm.here.position
     turn = body.arm.here.quaternion

@@ -1,7 +1,7 @@
 """Training budget for GPUs and steps: samples, tokens and passes of each data set, and GPU hours.
 
-The paper gives GPUs and steps of pre-training, but neither the batch nor the tokens of a step. These are arguments
-here, with defaults from the sources below.
+The paper gives the number of GPUs and pre-training steps, but neither the batch size nor the tokens per step. These are
+arguments here, with defaults from the sources below.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ PEAK_FLOPS = 312e12
 
 @dataclass(frozen=True, slots=True)
 class TokenPrices:
-    """Tokens of one sample by kind of group, estimated because the paper gives none.
+    """Tokens per sample by group kind, estimated because the paper gives none.
 
     Attributes:
-        actions: Two pictures, state 3, a chunk of 16 actions, and 69 of text: 220.
+        actions: Two pictures, state 3, a chunk of 16 actions, and 69 tokens of text: 220.
         image_text: One picture and 154 of text.
         video_text: Eight pictures and 172 of text.
     """
@@ -37,13 +37,13 @@ class TokenPrices:
     video_text: float = 8 * IMAGE_TOKENS + 172
 
     def of(self, kind: str) -> float:
-        """Return the tokens of a sample of a kind."""
+        """Return the number of tokens in a sample of a kind."""
         return {"actions": self.actions, "image-text": self.image_text, "video-text": self.video_text}[kind]
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """Share of one data set in a budget: samples, tokens, share of the tokens, and passes over its items."""
+    """One data set's share of a budget: samples, tokens, share of the tokens, and passes over its items."""
 
     name: str
     share: float
@@ -82,7 +82,7 @@ def budget_of(
     parameters: float | None = None,
     utilization: float = 0.4,
 ) -> Budget:
-    """Return the training budget of a mixture for a number of GPUs and steps.
+    """Return a mixture's training budget for a number of GPUs and steps.
 
     Args:
         parts: The data sets with their shares of the samples.

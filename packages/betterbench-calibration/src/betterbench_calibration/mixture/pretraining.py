@@ -27,7 +27,7 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """Row of a table: frames of actions, or samples of text; ``of`` names the rows that the row sums up."""
+    """Table row: frames of actions, or samples of text; ``of`` names the rows whose sum the row gives."""
 
     name: str
     items: int
@@ -143,7 +143,7 @@ class PaperMixture:
         return shares_of(weighted)
 
     def kind_of(self, group: str) -> ItemKind:
-        """Return the kind of items of a group."""
+        """Return the kind of a group's items."""
         return next(g.kind for g in self.groups if g.name == group)
 
 

@@ -3,12 +3,12 @@
 Draw *n* is the point ``(offset + n * GOLDEN) mod 2**64`` of the unit interval, which the data sets divide by their
 shares. Multiples of the golden ratio are spread so evenly (Weyl's equidistribution; no number is approximated worse by
 fractions) that after N draws the count of each data set is within a few draws of ``share * N``, whereas independent
-draws err by the root of N. The number of draws of a data set before draw *n* is a sum of floors, which Euclid's
-algorithm computes directly. Draw *n* is then the next item of a random order of the data set, so no item is repeated
-before every item was drawn once.
+draws err by the root of N. A data set's number of draws before draw *n* is a sum of floors, which Euclid's algorithm
+computes directly. Draw *n* is then the next item in a random order of the data set, so no item is repeated before every
+item has been drawn once.
 
-The state of a sampler is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
-draw in total what a single process would draw.
+A sampler's state is therefore one number. A sampler can begin anywhere, and the shards of any number of processes
+together draw what a single process would draw.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class MixtureDraw:
 class MixtureSampler:
     """Sampler of a mixture in an order that depends only on the seed; iterating continues where it stopped.
 
-    Each process of a training makes a sampler with its own ``shard``. The draws of a step are then consecutive in the
+    Each process of a training makes a sampler with its own ``shard``. The draws in a step are then consecutive in the
     common order, for any number of processes.
 
     Args:
@@ -61,7 +61,7 @@ class MixtureSampler:
         seed: Seed of the order.
         shard: Number of this process, from 0.
         shards: Number of processes.
-        draws: Total number of draws of all shards after which the sampler ends; None for no end.
+        draws: Total number of draws over all shards after which the sampler ends; None for no end.
 
     Raises:
         InvalidInputError: If the shard does not exist, or shares do not add up to 1.
@@ -97,7 +97,7 @@ class MixtureSampler:
             yield drawn
 
     def draw(self, number: int) -> MixtureDraw:
-        """Return a draw by its number in the whole mixture."""
+        """Return a draw by its number in the complete mixture."""
         require_between("draw", number, 0, MOST_DRAWS - 1)
         self._count_to(number)
         index = self._index(number)
@@ -110,18 +110,18 @@ class MixtureSampler:
         return self.draw(index * self._shards + self._shard)
 
     def counts(self, draws: int) -> dict[str, int]:
-        """Return the number of draws per data set among the first ``draws`` draws of all shards."""
+        """Return the number of draws per data set among the first ``draws`` draws over all shards."""
         return {part.name: self._before(index, draws) for index, part in enumerate(self._parts)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state: the number of draws of all shards so far, with mixture and seed.
+        """Return the state: the number of draws over all shards so far, with mixture and seed.
 
         The state is valid for every shard, and for any other number of shards if all shards have drawn equally often.
         """
         return {"position": self._position, "identity": self._identity}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Resume from the state of a sampler of this mixture.
+        """Resume from the saved state of a sampler for this mixture.
 
         Raises:
             RunConflictError: If the state belongs to another mixture or seed.
@@ -142,7 +142,7 @@ class MixtureSampler:
         return bisect.bisect_right(self._borders, (self._offset + number * GOLDEN) % _ONE)
 
     def _count_to(self, number: int) -> None:
-        """Set the counts to those before a draw, by steps if it is near and by formula otherwise."""
+        """Set the counts to the values before a draw, by steps if it is near and by formula otherwise."""
         if not 0 <= number - self._counted <= _NEAR:
             self._counts = [self._before(index, number) for index in range(len(self._parts))]
             self._counted = number

@@ -1,8 +1,8 @@
 """Shares of the data sets in a mixture, from group weights and a rule inside each group.
 
-A weight of a group is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 %
-and 5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of
-items instead. Inside a group, the rule ``weights-times-items`` does the same.
+A group's weight is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 % and
+5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of items
+instead. Inside a group, the rule ``weights-times-items`` does the same.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class MixturePart:
 
     Attributes:
         name: Name, unique in the mixture.
-        group: Name of the group.
+        group: Group name.
         items: Number of frames or questions.
         weight: Weight inside the group, for rules that need one.
-        share: Share of the draws of the mixture.
+        share: Share of the mixture's draws.
     """
 
     name: str

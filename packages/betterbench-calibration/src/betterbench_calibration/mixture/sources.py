@@ -1,7 +1,7 @@
-"""Sources of a mixture: LeRobot data sets (2.1 and 3.0), sets of ``better vqa``, and files of questions.
+"""Sources for a mixture: LeRobot data sets (2.1 and 3.0), sets from ``better vqa``, and question files.
 
-An item of a LeRobot data set is a frame, by its index in the whole set as in ``LeRobotDataset``. Frames of validation
-episodes are not drawn. An item of a set of questions is a line.
+An item in a LeRobot data set is a frame, by its index in the complete set as in ``LeRobotDataset``. Frames of
+validation episodes are not drawn. An item in a question set is a line.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class LeRobotSource:
 
     Attributes:
         first: Index of the first training episode.
-        starts: Index in the whole data set of the first frame of each training episode, and the end of the last
+        starts: Index, in the complete data set, of the first frame of each training episode, and the end of the last
             episode.
     """
 
@@ -100,7 +100,7 @@ class LeRobotSource:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSource:
-    """The lines of a file of questions; ``places`` are their first byte and length."""
+    """The lines of a question file; ``places`` are their first byte and length."""
 
     path: Path
     places: tuple[tuple[int, int], ...]
@@ -139,8 +139,8 @@ def open_source(path: Path) -> ItemSource:
     """Return the source for a folder or file.
 
     Raises:
-        InvalidInputError: If the path is neither a LeRobot data set nor a set or file of questions, is damaged, or
-            contains questions about test trials, which must not be used for training.
+        InvalidInputError: If the path is neither a LeRobot data set nor a question set or file, is damaged, or contains
+            questions about test trials, which must not be used for training.
     """
     if (path / "meta/info.json").is_file():
         return _lerobot(path)
@@ -273,7 +273,7 @@ _Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FileForm:
-    """A data set in the file of a mixture; its default name is that of its folder or file."""
+    """A data set in a mixture's file; its default name is the name of its folder or file."""
 
     path: ShortText
     name: ShortText | None = None
@@ -283,7 +283,7 @@ class FileForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class GroupForm:
-    """A group in the file of a mixture."""
+    """A group in a mixture's file."""
 
     name: ShortText
     weight: _Weight
@@ -294,7 +294,7 @@ class GroupForm:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class MixtureForm:
-    """The file of a mixture: its groups, and the seed of the draws."""
+    """A mixture's file: its groups, and the seed of the draws."""
 
     groups: Annotated[tuple[GroupForm, ...], Field(min_length=1)]
     seed: int = 0
@@ -316,8 +316,8 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
     """Return a mixture over files.
 
     Args:
-        form: Content of its file, as JSON or as the value of a YAML document.
-        where: Name of the file, for errors.
+        form: Its file's content, as JSON or as the value of a YAML document.
+        where: File name, for errors.
         folder: Folder to which paths in the file are relative.
 
     Raises:

@@ -26,7 +26,7 @@ GRAMMAR = register(
                 (
                     "Tidying a student's desk",
                     "dorm room",
-                    several(2, "stapler", "tape_roll", "computer_mouse", "napkin_stack"),
+                    several(2, "stapler", "tape_roll", "computer_mouse"),
                     (
                         "Put the desk clutter into the drawers of the {cabinet}.",
                         "Put the desk clutter away in the {cabinet}.",
@@ -41,10 +41,19 @@ GRAMMAR = register(
                 (
                     "Storing cleaning supplies",
                     "laundry room",
-                    several(2, "sponge", "soap_bar", "napkin_stack"),
+                    several(2, "sponge", "soap_bar"),
                     (
                         "Store the cleaning supplies in the drawers of the {cabinet}.",
                         "Put the cleaning supplies into the {cabinet}.",
+                    ),
+                ),
+                (
+                    "Stocking a bathroom cabinet",
+                    "bathroom",
+                    Group((Pool(("soap_bar",), 2, by_color=True),)),
+                    (
+                        "Put the bars of soap into the drawers of the {cabinet}.",
+                        "Store the soap in the drawers of the {cabinet}.",
                     ),
                 ),
                 (

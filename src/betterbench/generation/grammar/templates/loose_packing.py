@@ -22,7 +22,7 @@ GRAMMAR = register(
                 "Packing a school lunch",
                 "kitchen on a school morning",
                 ("Pack a school lunch into the {container}.", "Fill the {container} with lunch for school."),
-                {"container": _LUNCHBOX, "items": several(3, "apple", "orange", "burger", "egg_cup", "napkin_stack")},
+                {"container": _LUNCHBOX, "items": several(3, "apple", "orange", "burger", "egg_cup")},
             ),
             Theme(
                 "Packing a picnic",
@@ -30,7 +30,7 @@ GRAMMAR = register(
                 ("Pack the picnic into the {container}.", "Pack the {container} for the picnic."),
                 {
                     "container": _LUNCHBOX,
-                    "items": several(3, "apple", "orange", "lemon", "jam_jar", "napkin_stack", "salt_shaker"),
+                    "items": several(3, "apple", "orange", "lemon", "jam_jar", "salt_shaker"),
                 },
             ),
             Theme(
@@ -39,7 +39,7 @@ GRAMMAR = register(
                 ("Pack the order into the {container}.", "Put the takeout order into the {container}."),
                 {
                     "container": _TAKEOUT,
-                    "items": several(3, "burger", "fries_box", "drink_cup", "sauce_cup", "napkin_stack", "can"),
+                    "items": several(3, "burger", "fries_box", "drink_cup", "sauce_cup", "can"),
                 },
             ),
             Theme(
@@ -54,7 +54,7 @@ GRAMMAR = register(
                 ("Pack the cookout supplies into the {container}.", "Pack the {container} for the cookout."),
                 {
                     "container": one("takeaway_box", "lunchbox"),
-                    "items": several(3, "salt_shaker", "sauce_cup", "jam_jar", "napkin_stack", "lemon"),
+                    "items": several(3, "salt_shaker", "sauce_cup", "jam_jar", "lemon"),
                 },
             ),
             Theme(

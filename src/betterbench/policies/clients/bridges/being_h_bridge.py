@@ -63,12 +63,12 @@ class ServedPolicy(Protocol):
 
 
 def encode(value: object) -> bytes:
-    """Return the frame of a value in openpi's variant of msgpack."""
+    """Encode a value as a frame in openpi's variant of msgpack."""
     return bytes(msgpack.packb(value, default=_mark))
 
 
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
+    """Decode a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
     if isinstance(frame, str):
         raise TypeError("expected a binary frame, got a text")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
@@ -97,7 +97,7 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Handler of the requests of all connections, which the policy answers one at a time."""
+    """Handler for requests from all connections, which the policy answers one at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
         """Prepare the bridge; ``inference_delay`` is the number of control steps that one answer takes."""

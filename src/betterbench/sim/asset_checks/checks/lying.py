@@ -39,7 +39,13 @@ def rest_jitter(subject: Subject) -> Finding:
 @check
 def rest_depth(subject: Subject) -> Finding:
     """Check that the asset neither sinks into the table nor floats above it."""
+    cure = "Its collision parts end elsewhere than its visible surface: import it again"
+    vertices, faces = subject.surface
+    lowest = min(float(corners[:, 2].min()) for corners in subject.hulls)
+    below = 1000.0 * (float(vertices[faces.ravel(), 2].min()) - lowest)
+    if below > limits.SINK_MM:  # on one such point, an object may lean until another one touches the table
+        said = f"its collision parts reach {below:.2g} mm below its visible surface"
+        return Finding(below, limits.SINK_MM, "mm", True, said, cure)
     found = subject.rest.lowest_mm
     said = f"lowest point {abs(found):.2g} mm {'above' if found > 0.0 else 'in'} the table"
-    cure = "Its collision parts end elsewhere than its visible surface: import it again"
     return at_most(abs(found), limits.SINK_MM, "mm", said, cure)

@@ -7,6 +7,7 @@ import numpy as np
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_least, at_most, check, not_applicable
 from betterbench.sim.asset_checks.subject import Subject
+from betterbench.sim.assets.importing.kinds import FLAT_SHARE, TALL_SHARE
 from betterbench.sim.assets.importing.upright import footing
 
 _CURE = "Give the axis of the file that points up with --up"
@@ -18,16 +19,13 @@ def upright(subject: Subject) -> Finding:
     kind = subject.kind
     if kind is None:
         return not_applicable("its kind is not known")
-    findings = [
-        rule(subject)
-        for names, rule in (
-            (limits.TALL_KINDS, _tall),
-            (limits.FLAT_KINDS, _flat),
-            (limits.ROUND_KINDS, _round),
-            (limits.FOOTED_KINDS, _footed),
-        )
-        if kind.name in names
-    ]
+    rules = (
+        (kind.is_tall, _tall),
+        (kind.is_flat, _flat),
+        (kind.name in limits.ROUND_KINDS, _round),
+        (kind.name in limits.FOOTED_KINDS, _footed),
+    )
+    findings = [rule(subject) for applies, rule in rules if applies]
     if subject.is_open:
         findings.append(_open(subject))
     if not findings:
@@ -48,13 +46,13 @@ def _open(subject: Subject) -> Finding:
 def _tall(subject: Subject) -> Finding:
     share = float(subject.size_m[2]) / subject.longest_m
     said = f"its height is {100 * share:.3g} % of its longest side"
-    return at_least(share, limits.TALL_SHARE, "share", said, f"A {_name(subject)} stands. {_CURE}")
+    return at_least(share, TALL_SHARE, "share", said, f"A {_name(subject)} stands. {_CURE}")
 
 
 def _flat(subject: Subject) -> Finding:
     share = float(subject.size_m[2] / max(subject.size_m[:2].min(), 1e-9))
     said = f"its height is {100 * share:.3g} % of its smaller side"
-    return at_most(share, limits.FLAT_SHARE, "share", said, f"A {_name(subject)} lies flat. {_CURE}")
+    return at_most(share, FLAT_SHARE, "share", said, f"A {_name(subject)} lies flat. {_CURE}")
 
 
 def _round(subject: Subject) -> Finding:

@@ -17,7 +17,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
 """Forms of a mug: relative radius at the foot, at one third and at two thirds of the height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
-"""Names of the decorations of a mug."""
+"""Names of mug decorations."""
 
 BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "band": ((0.40, 0.62),),
@@ -25,7 +25,8 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
     "two-tone": ((-0.05, 0.36),),
 }
-"""Painted bands of a decoration: lower and upper edge as fractions of the wall; above 1 is the top of the rim."""
+"""Painted bands of a decoration: lower and upper edge as fractions of the wall height; above 1 is the top of the rim.
+"""
 
 
 def glazed(
@@ -52,7 +53,7 @@ def glazed(
         decoration: A key of ``bands``, "speckled" or "dots"; any other value means no decoration.
         rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
             begin.
-        lining: Color of the inside; None for the color of the outside.
+        lining: Inside color; None for the outside color.
         ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
         bands: Painted bands by the name of their decoration.
         shadow: Brightness of the inside just below the rim, and how much it drops down to the floor.

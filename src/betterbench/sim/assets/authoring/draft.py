@@ -34,7 +34,7 @@ class Draft:
         tags: Search words, without the color word.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
-        material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
+        material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
             the friction of all collision parts except those with their own friction (:func:`surfaced`). Without a
             material each part keeps its friction.
         body: Mass, center of mass and inertia from another source; by default, the mass is distributed over the
@@ -130,8 +130,8 @@ def grip(
 ) -> Grasp:
     """Return a grasp at (x, y) by a jaw from straight above, with the center of its pads at ``height`` [m].
 
-    The fingers open along the axis ``across`` of the object, around a thickness of ``width`` [m]; for the other
-    arguments see :class:`Grasp`.
+    The fingers open along the object's axis ``across``, around a thickness of ``width`` [m]; for the other arguments
+    see :class:`Grasp`.
     """
     pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
@@ -149,7 +149,7 @@ def grip_across(height: float, radius: float, *, clearance: float | None = None)
 def zone(
     name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
 ) -> Region:
-    """Return a rectangular region with half extents and a middle [m]; it is flat unless ``half_z`` is given."""
+    """Return a rectangular region with half extents and a center [m]; it is flat unless ``half_z`` is given."""
     return Region(name, (x, y, z), (half_x, half_y, half_z))
 
 
@@ -159,7 +159,7 @@ def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
 
 
 def centered(*meshes: Mesh) -> Vector:
-    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
+    """Return the shift [m] that moves the center of the bounding box's bottom face to the origin."""
     points = np.concatenate([m.vertices for m in meshes])
     low, high = points.min(axis=0), points.max(axis=0)
     return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

@@ -41,7 +41,7 @@ def volume_of(part: CollisionPart) -> float:
 
 
 def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
-    """Return the principal moments of a primitive about its own center and axes [kg m^2]."""
+    """Return a primitive's principal moments about its own center and axes [kg m^2]."""
     a, b, c = part.size
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])

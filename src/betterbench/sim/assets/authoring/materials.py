@@ -1,9 +1,9 @@
-"""Materials of objects: friction and density of each, with the sources of the numbers.
+"""Object materials: friction and density of each, with sources for the numbers.
 
-A coefficient of friction belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
-coefficient of a material here is for contact with itself or with a painted or laminated table top. The coefficient of
-the table, 0.5, does not exceed any of these, so MuJoCo uses the coefficient of the object. The rubber pads of the
-gripper have 1.2, more than any material, so that a grasp holds every object equally.
+A friction coefficient belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
+coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's
+coefficient, 0.5, does not exceed any of these, so MuJoCo uses the object's coefficient. The gripper's rubber pads have
+1.2, more than any material, so that a grasp holds every object equally.
 
 Published values of dry static friction differ by up to 50 %; the values here are inside the published ranges and are
 rounded to 0.05:
@@ -19,10 +19,10 @@ rounded to 0.05:
 * other food, soap and sponge: no common table; values are estimated by comparison, as ``reason`` explains.
 
 The torsional coefficient [m] is the sliding coefficient times two thirds of the radius of a 15 mm contact patch, as for
-the pads of the gripper: a flat object resists being turned about the vertical axis as much as being pushed. The rolling
+the gripper pads: a flat object resists being turned about the vertical axis as much as being pushed. The rolling
 coefficient [m] is 1 mm for soft and 0.5 mm for hard materials: half the width of the flattened contact. Densities
-[kg/m^3] are handbook values of the solid material; those of food and foam include the pores and are estimates to within
-10 %.
+[kg/m^3] are handbook values for the solid material; the densities of food and foam include the pores and are estimates
+to within 10 %.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Material:
         sliding: Coefficient of sliding friction, against itself or a table.
         density: Density of the solid material [kg/m^3].
         soft: Whether the material yields at contacts.
-        reason: Source of the coefficient of sliding friction.
+        reason: Source of the sliding friction coefficient.
     """
 
     name: str
@@ -88,7 +88,7 @@ def material(name: str) -> Material:
     """Return a material.
 
     Raises:
-        UnknownNameError: If there is no such material.
+        UnknownNameError: If no such material exists.
     """
     try:
         return MATERIALS[name]

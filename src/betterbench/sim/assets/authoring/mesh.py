@@ -19,7 +19,7 @@ FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 """The same for the top of an object seen from +x."""
 
-# Vertices that agree to this many decimals [m] are the same point; it also makes the last bits of a sine irrelevant.
+# Vertices that agree to this many decimals [m] are the same point; this also makes the last bits of a sine irrelevant.
 _DECIMALS = 7
 
 
@@ -65,7 +65,7 @@ class Mesh:
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
         """Return a mesh with a hinge at the origin, opened by ``angle`` [rad] and moved to the hinge (x, z) [m].
 
-        The hinge lies along y; a positive angle lifts the part at +x.
+        The hinge is along y; a positive angle lifts the part at +x.
         """
         return self.rotated("y", -angle).moved(x, 0.0, z)
 
@@ -127,7 +127,7 @@ def _last_joined(mesh: Mesh, limit: float) -> np.ndarray:
     """
     normals = face_normals(mesh.vertices, mesh.faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # Each edge of a face is a pair of its corners, the corner of the smaller vertex first; equal edges are neighbors.
+    # Each face edge is a pair of corners, the corner of the smaller vertex first; equal edges are neighbors.
     ends = np.arange(mesh.faces.size).reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     vertices = mesh.faces.reshape(-1)[ends]
     ends = np.take_along_axis(ends, np.argsort(vertices, axis=1), axis=1)
@@ -196,7 +196,7 @@ def loft(
 
 
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
-    """Return texture columns that run from 0 to 1 on one half of a ring of ``n`` points (even) and back on the other.
+    """Return texture columns that run from 0 to 1 on one half of a ring with ``n`` points (even) and back on the other.
 
     A print drawn for half the circumference then shows on both halves, and no seam cuts the shading of a round body.
     """
@@ -334,7 +334,7 @@ def rod(
     y: float = 0.0,
     crease_degrees: float = 32.0,
 ) -> Mesh:
-    """Return the closed loft of upright rectangles along x; the middle of each is at ``y`` [m].
+    """Return the closed loft of upright rectangles along x; the center of each is at ``y`` [m].
 
     A station is the position along x, half the width, the bottom and the top of a rectangle [m]. Its corners are cut by
     ``chamfer``, or less in small rectangles.

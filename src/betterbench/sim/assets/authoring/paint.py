@@ -56,7 +56,7 @@ class Canvas:
         image[:] = image * (1.0 - weight) + np.asarray(color) * weight
 
     def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
-        """Return the rows and columns of the samples within reach; speeds up textures with hundreds of pores."""
+        """Return the rows and columns of the samples within reach; this speeds up textures with hundreds of pores."""
         rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
         return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
@@ -100,7 +100,7 @@ class Canvas:
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
-        """Multiply by smooth noise of mean 1, with a standard deviation and a number of cells across and up."""
+        """Multiply by smooth noise with mean 1, a given standard deviation and a number of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
         u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
@@ -147,7 +147,7 @@ def _run(wanted: np.ndarray) -> slice:
 def _in_ellipse(
     x: np.ndarray, y: np.ndarray, center: tuple[float, float], radii: tuple[float, float], turn: float
 ) -> np.ndarray:
-    """Return a mask of the samples at ``x`` and ``y`` that lie in an ellipse."""
+    """Return a mask of the samples at ``x`` and ``y`` that are inside an ellipse."""
     c, s = math.cos(turn), math.sin(turn)
     dx, dy = x - center[0], y - center[1]
     inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0

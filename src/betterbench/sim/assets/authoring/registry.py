@@ -69,8 +69,8 @@ def generator(
     not lie on their side.
 
     Raises:
-        InvalidInputError: If there is no color or no look of either kind, or if another function has registered the
-            category.
+        InvalidInputError: If there is no color, no seen look or no unseen look, or if another function has registered
+            the category.
     """
     if not category or not colors or looks < 1 or unseen_looks < 1:
         problem = "it needs a name, a color, a look and a held-out look"
@@ -102,7 +102,7 @@ def unregister(category: str) -> None:
 
 
 def _origin(make: Generator) -> str:
-    """Return the file and the name of a generator, for messages."""
+    """Return a generator's file and name, for messages."""
     code = getattr(inspect.unwrap(make), "__code__", None)
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'an unknown file')}"
 
@@ -134,7 +134,7 @@ def colors(category: str) -> tuple[str, ...]:
     """Return the possible colors of a category, the default first.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     return _entry(category).colors
 
@@ -143,7 +143,7 @@ def looks(category: str) -> range:
     """Return the numbers of a category's looks in training and test.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     return range(_entry(category).looks)
 
@@ -152,7 +152,7 @@ def unseen_looks(category: str) -> range:
     """Return the numbers of a category's held-out looks, which no demonstration shows.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     entry = _entry(category)
     return range(entry.looks, entry.looks + entry.unseen_looks)
@@ -162,7 +162,7 @@ def family_of(category: str) -> str:
     """Return the family of a category, by default its own name.
 
     Raises:
-        UnknownNameError: If there is no such category.
+        UnknownNameError: If no such category exists.
     """
     return _entry(category).family
 
@@ -170,7 +170,7 @@ def family_of(category: str) -> str:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Without a color, the first color of the category is used, see :func:`colors`; the look is one of :func:`looks` or
+    Without a color, the category's first color is used, see :func:`colors`; the look is one of :func:`looks` or
     :func:`unseen_looks`.
 
     Raises:

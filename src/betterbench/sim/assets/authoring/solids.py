@@ -10,7 +10,7 @@ from betterbench.sim.assets.authoring.materials import material
 
 
 def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
-    """Return solids with the friction of a material, such as a rubber handle on a steel object.
+    """Return solids with a material's friction, such as a rubber handle on a steel object.
 
     With ``only_plain``, solids with their own friction keep it.
 

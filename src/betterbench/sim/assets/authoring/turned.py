@@ -15,8 +15,8 @@ class Turned:
     """A profile revolved about the vertical axis.
 
     Attributes:
-        radii: Radius of each point of the profile [m], from the bottom on the outside upward; a radius of zero closes
-            the surface.
+        radii: Radius at each profile point [m], from the bottom on the outside upward; a radius of zero closes the
+            surface.
         heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
         wrap: Whether to wrap the texture around each half of the circumference; otherwise the texture has one column.
@@ -51,7 +51,7 @@ class Turned:
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Create an empty texture for the surface, with rows upward along the profile.
 
-        By default, its horizontal extent is half of the largest circumference [m], or 1 for a texture of one column.
+        By default, its horizontal extent is half of the largest circumference [m], or 1 for a one-column texture.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0

@@ -1,6 +1,6 @@
 """Pictures of mesh files, drawn from points on their surface without a simulator or a graphics library.
 
-The mesh is loaded with trimesh, which reads further files through a resolver that stays in the folder of the mesh.
+The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Largest mesh file that is drawn, and largest file that it may refer to [byte]."""
+"""Largest mesh file that is drawn, and largest file that it may reference [byte]."""
 MAX_FACES = 400_000
 """Largest number of triangles that are drawn."""
 _POINTS = 400_000
@@ -34,7 +34,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         self._folder = folder.resolve()
 
     def get(self, name: str) -> bytes:
-        """Return the content of a file."""
+        """Return a file's content."""
         path = (self._folder / name).resolve() if "\0" not in name else self._folder
         if not path.is_relative_to(self._folder):
             raise ValueError(f"{name!r} is outside the folder of the mesh")
@@ -97,7 +97,7 @@ def _surface(geometry: Sequence[object]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Return the color of each point, from the texture, the material, or the corners and faces."""
+    """Return each point's color, from the texture, the material, or the corners and faces."""
     visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     uv = getattr(visual, "uv", None)

@@ -10,22 +10,22 @@ from betterbench.sim.assets.licenses import license_kind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueEntry:
-    """One asset of a source, as a row of the catalogue.
+    """One asset from a source, as a catalogue row.
 
     Attributes:
         id: Unique name ("procedural/mug-red", "objaverse/UID").
-        source: Name of the source ("procedural", "kenney_food").
+        source: Source name ("procedural", "kenney_food").
         name: Common noun for the object ("coffee mug").
-        content_hash: SHA-256 of the bytes of its file (64 hex digits); of a generated asset, the hash of the asset;
-            empty for a file that has not been downloaded.
+        content_hash: SHA-256 of the file's bytes (64 hex digits); for a generated asset, the asset hash; empty for a
+            file that has not been downloaded.
         path: Absolute path of its file, empty for an asset without a file.
         description: Free text.
-        category: Kind of object, empty if the source does not give it.
+        category: Object kind, empty if the source does not give it.
         color: Color word, empty if it is not known.
         size_m: Extents in the unit of the file, interpreted as meters; None if unknown. Few collections use meters.
         faces: Number of triangles, None if unknown.
-        license: Name of the license, empty if unknown.
-        author: Author of the asset.
+        license: License name, empty if unknown.
+        author: Asset author.
         variants: Number of looks that the source generates; 1 for a file.
     """
 

@@ -1,4 +1,4 @@
-"""Expansion of queries with synonyms, kinds of objects and descriptions, from the built-in word list."""
+"""Query expansion with synonyms, object kinds and descriptions, from the built-in word list."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ COLORS = frozenset(_COLOR_WORDS.split())
 _LITTLE = """
 a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
 one two three few which who what can be used use something object thing item want need find get show please made kind
-type piece sort model 3d put holding containing contains asset mesh like as has have
+type piece sort model 3d put holding containing contains asset mesh like as has have place tool
 """
 _SAYS_LITTLE = frozenset(_LITTLE.split())
-"""Words of a query that are ignored."""
+"""Query words that are ignored."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 _AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
@@ -45,7 +45,7 @@ class Concept:
     """One concept of a query.
 
     Attributes:
-        weight: Share of the concept in the score of words.
+        weight: Weight of the concept in the word score.
         alternatives: Phrases for the concept, as terms, with a weight in (0, 1]; the first phrase is from the query.
     """
 
@@ -72,7 +72,7 @@ class Query:
 
 @functools.cache
 def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ...]]:
-    """Return, for each phrase of the list, the phrases that mean the same or are kinds of it, with their weights.
+    """Return, for each listed phrase, the phrases that mean the same or are kinds of it, with their weights.
 
     In a line ``a = b > c, d``, a and b are synonyms, and a query for either also finds c and d, but not the reverse.
     """

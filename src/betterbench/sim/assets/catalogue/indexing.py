@@ -1,4 +1,4 @@
-"""The indexing job, which writes rows of sources and vectors of their texts. A killed job resumes where it stopped."""
+"""The indexing job, which writes source rows and text vectors. A killed job resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class OnProgress(Protocol):
     """Callback for the progress of the job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Receive the name of a stage, the number done and the total (0 if unknown)."""
+        """Receive a stage's name, the number done and the total (0 if unknown)."""
 
 
 @dataclass(slots=True)
@@ -75,10 +75,10 @@ class IndexReport:
 def index_sources(
     folder: Path, sources: Sequence[AssetSource], *, encoder: TextEncoder | None = None, on_progress: OnProgress
 ) -> IndexReport:
-    """Bring the rows of some sources up to date; rows of other sources stay.
+    """Update the rows of some sources; the rows of other sources stay unchanged.
 
     Args:
-        folder: Folder of the catalogue, created if it is missing.
+        folder: Catalogue folder, created if it is missing.
         sources: Sources to read.
         encoder: Encoder of meaning; without an encoder, the catalogue is searched by words only.
         on_progress: Called with the progress of the job.

@@ -26,11 +26,14 @@ DEPTH = 60
 """Number of rows that each search passes to the fusion."""
 _RANK = 8.0
 """Constant of the reciprocal rank 1 / (constant + rank); small, because a catalogue has few good answers to a query."""
-_WORDS_SHARE, _MEANING_SHARE = 1.0, 1.0
+_WORDS_SHARE, _MEANING_SHARE = 0.8, 1.0
 _COSTLY = 5_000
 """Limit of matching rows for ranking; beyond it, frequent words are only counted in the rows that rarer words match."""
 _FETCHED = 200
 """Rows whose words are compared with the query."""
+_PARTIAL = 3
+"""Power of the share of a query that a row contains: a row with half of the query has an eighth of the weight. Of 129
+queries that tuned it, 113 instead of 108 had a right first answer."""
 _FIELDS = (1.0, 0.75, 0.45)
 """Weights of a word in the name, among the tags and in the description."""
 
@@ -41,7 +44,7 @@ class Filters:
 
     Attributes:
         license: "free" for licenses that allow commercial use and changes, "any" for all.
-        source: Name of a source, empty for all.
+        source: Source name, empty for all.
         max_faces: Largest number of triangles; assets with an unknown number do not pass.
         max_size_m: Largest extent [m]; assets without a size do not pass.
         min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
@@ -98,7 +101,7 @@ class Catalogue:
     """A catalogue that is open for searching; a context manager.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         encoder: Loads the encoder by name, called once when meaning is first searched; None for words only.
 
     Raises:
@@ -146,7 +149,7 @@ class Catalogue:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the sources, in the order of their first indexing."""
+        """Source names, in the order of their first indexing."""
         return tuple(self._numbers)
 
     def entry(self, asset_id: str) -> CatalogueEntry:
@@ -189,7 +192,7 @@ class Catalogue:
         Args:
             query: Description in plain words.
             limit: Largest number of assets to return.
-            filters: Assets that are admitted; free licenses only if None.
+            filters: Licenses of admitted assets; None for free licenses only.
             expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.
             meaning: Whether meaning is searched, where the catalogue has vectors.
@@ -220,7 +223,7 @@ class Catalogue:
 
         def score(row: int) -> float:
             # A row with only some words of the query has less weight, even if few rows contain more words.
-            words = shares[0] * covered[row] / (_RANK + word_ranks[row]) if row in word_ranks else 0.0
+            words = shares[0] * covered[row] ** _PARTIAL / (_RANK + word_ranks[row]) if row in word_ranks else 0.0
             meaning = shares[1] / (_RANK + meaning_ranks[row]) if row in meaning_ranks else 0.0
             return (words + meaning) / best
 
@@ -283,7 +286,7 @@ class Catalogue:
 
 
 def _sealed(store: Store, folder: Path) -> str:
-    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing has not ended."""
+    """Return whether a catalogue has words only or also vectors; raise InvalidInputError if indexing is incomplete."""
     sealed = store.fact("sealed")
     if sealed not in ("words", "vectors"):
         problem = "its indexing has not ended, or was interrupted"
@@ -318,7 +321,7 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
 def _word_score(
     concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
 ) -> tuple[float, float]:
-    """Return a score for the words of a row, and the share of the query that the row contains.
+    """Return a score for a row's words, and the fraction of the query that the row contains.
 
     For each concept, the best phrase in the best field is used.
     """

@@ -1,4 +1,4 @@
-"""The file of a catalogue: rows and their words in SQLite."""
+"""A catalogue's file: rows and their words in SQLite."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FILE = "catalogue.sqlite"
 VERSION = 2
 """Version of the tables; a catalogue of another version must be indexed again."""
 _APPLICATION = 0x62657474
-"""Application id of the SQLite files of a catalogue: "bett"."""
+"""Application id for a catalogue's SQLite files: "bett"."""
 
 _TABLES = """
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -45,12 +45,12 @@ class Store:
     """Rows of a catalogue; a context manager that closes the file.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         writes: Whether rows are to be written; the file is then created if it is missing.
 
     Raises:
-        InvalidInputError: If there is no catalogue.
-        RecordError: If the file is damaged, of another program or of another version.
+        InvalidInputError: If no catalogue exists.
+        RecordError: If the file is damaged, was written by another program or has another version.
     """
 
     def __init__(self, folder: Path, *, writes: bool = False) -> None:
@@ -151,7 +151,7 @@ class Store:
             return int(self._database.execute("SELECT count(*) FROM assets").fetchone()[0])
 
     def fingerprints(self, source: int) -> dict[str, str]:
-        """Return the fingerprint of each row of a source by id."""
+        """Return the fingerprint of each source row by id."""
         with self.checked():
             found = self._database.execute("SELECT id, fingerprint FROM assets WHERE source = ?", (source,))
             return dict(found.fetchall())
@@ -193,7 +193,7 @@ class Store:
             self._database.execute("DELETE FROM assets WHERE row = ?", (found[0],))
 
     def entries(self, *, after: int = 0, limit: int = 1 << 62) -> list[tuple[int, int, CatalogueEntry]]:
-        """Return number, number of the source and content of the rows after a number, in order."""
+        """Return number, source number and content of the rows after a given number, in order."""
         with self.checked():
             found = self._database.execute(
                 f"SELECT {_COLUMNS}, source FROM assets JOIN sources ON sources.number = assets.source "  # noqa: S608
@@ -203,7 +203,7 @@ class Store:
         return [(line["row"], line["source"], self._entry(line)) for line in found]
 
     def rows(self, numbers: Sequence[int]) -> dict[int, CatalogueEntry]:
-        """Return rows by number; those that do not exist are left out."""
+        """Return rows by number; numbers that do not exist are left out."""
         marks = ", ".join("?" * len(numbers))
         with self.checked():
             found = self._database.execute(
@@ -268,7 +268,7 @@ class Store:
     # -------------------------------------------------------------------------------------------------------- words
 
     def count_terms(self) -> None:
-        """Store the number of rows of each term.
+        """Store the number of rows per term.
 
         FTS5's vocabulary table reads every match to count a term, which takes 30 ms for a term in most of 800,000 rows.
         """

@@ -25,7 +25,7 @@ class Chosen:
     """An asset for a description.
 
     Attributes:
-        id: Id of the asset; with the number of a look ("procedural/mug-red#3") if the row represents several looks.
+        id: Asset id; with a look number ("procedural/mug-red#3") if the row represents several looks.
         hit: Row of the catalogue with its score.
     """
 
@@ -42,8 +42,8 @@ def choose_different(
 ) -> list[Chosen]:
     """Return assets of the best-matching kind for a description, as different as the catalogue allows.
 
-    The first asset is drawn among the best; each further asset differs most from the previous assets in source, color,
-    look and proportions. If the description names a color, all assets have that color.
+    The first asset is drawn from the best results; each further asset differs most from the previous assets in source,
+    color, look and proportions. If the description names a color, all assets have that color.
 
     Args:
         catalogue: Catalogue to search.
@@ -79,7 +79,7 @@ def _looks(entry: CatalogueEntry) -> list[str]:
 
 
 def _of_one_kind(hits: Sequence[Hit], description: str) -> list[Hit]:
-    """Return the hits of the same kind as the best hit, in the color of the description."""
+    """Return the hits with the same kind as the best hit, in the described color."""
     if not hits:
         return []
     asked = understood(description).colors
@@ -101,13 +101,13 @@ def _kind(entry: CatalogueEntry) -> str:
 
 
 def _color(entry: CatalogueEntry) -> str:
-    """Return the color of an asset: from its source, or the first color word of its texts, or ""."""
+    """Return an asset's color: from its source, or the first color word in its texts, or ""."""
     said = terms(f"{entry.color} {entry.name} {entry.description}")
     return next((word for word in said if word in COLORS), "")
 
 
 def _distance(one: Chosen, others: Sequence[Chosen]) -> tuple[float, float]:
-    """Return the distance of an asset to the nearest of a list of others, and the sum of its distances to all."""
+    """Return an asset's distance to the nearest asset in a list, and the sum of its distances to all of them."""
     distances = [_between(one, other) for other in others]
     return min(distances, default=0.0), sum(distances)
 
@@ -121,7 +121,7 @@ def _between(one: Chosen, other: Chosen) -> float:
 
 
 def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
-    """Return how much the proportions of two boxes differ, as the largest logarithm of a ratio of sides."""
+    """Return how much the proportions of two boxes differ, as the largest logarithm of a side ratio."""
     if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
         return 0.0
     pairs = zip(first.size_m, second.size_m, strict=True)

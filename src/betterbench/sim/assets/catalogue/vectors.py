@@ -34,7 +34,7 @@ class Columns:
 
     Attributes:
         rows: Row numbers in the catalogue, ascending, (n,) int64.
-        licenses: Number of the kind of license, (n,) uint8.
+        licenses: Number of the license kind, (n,) uint8.
         sources: Number of the source, (n,) uint8.
         faces: Triangles, (n,) int32.
         sizes: Largest extent [m], (n,) float32.
@@ -65,13 +65,12 @@ def _sketches(vectors: np.ndarray, center: np.ndarray) -> np.ndarray:
 def write_vectors(
     folder: Path, columns: Columns, blocks: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], dimension: int
 ) -> None:
-    """Write the files of a catalogue.
+    """Write a catalogue's files.
 
     Args:
-        folder: Folder of the catalogue.
+        folder: Catalogue folder.
         columns: Columns for filters.
-        blocks: Vectors (n, dimension) int8, scales (n,) float32 and digests of texts (n, 16) uint8, in the order of
-            the rows.
+        blocks: Vectors (n, dimension) int8, scales (n,) float32 and text digests (n, 16) uint8, in row order.
         dimension: Length of the vectors.
     """
     count = len(columns.rows)
@@ -152,7 +151,7 @@ class VectorIndex:
         return len(self._scales)
 
     def block(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the vectors and scales of a range of indices."""
+        """Return the vectors and scales for a range of indices."""
         return self._vectors[start:stop], self._scales[start:stop]
 
     def nearest(
@@ -181,12 +180,12 @@ class VectorIndex:
         return places[order], cosines[order]
 
     def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return the largest cosine of each row with any of the vectors."""
+        """Return each row's largest cosine with any of the vectors."""
         near = (self._vectors[places].astype(np.float32) @ queries.T).max(axis=1)
         return np.asarray(near * self._scales[places])
 
     def _candidates(self, query: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return at least the requested number of indices whose sketches differ least from the sketch of a vector."""
+        """Return at least the requested number of indices whose sketches differ least from a vector's sketch."""
         sketch = _sketches(query[None], self._center)[:, 0]
         differing = np.empty(self.count, np.uint16)
         middle = self.count // 2

@@ -1,4 +1,4 @@
-"""The import of many files into a folder of assets, as a resumable job."""
+"""Import of many files into an asset folder, as a resumable job."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class ImportRequest:
     Attributes:
         path: The file.
         wishes: Options of the import.
-        name: Name of the asset in tasks; derived from the name of the file if not given.
-        color: Color word; by default, the color of most of the surface.
+        name: Asset name in tasks; derived from the file name if not given.
+        color: Color word; default: the color that covers most of the surface.
         any_license: Whether restricted and unknown licenses are allowed.
     """
 
@@ -86,7 +86,7 @@ def import_assets(
         requests: The files.
         out: The folder, created if it is missing.
         workers: Number of files imported in parallel.
-        overwrite: Whether files that betterbench did not write may be replaced.
+        overwrite: Whether to replace files that betterbench did not write.
         on_progress: Called at the start and after each file.
 
     Raises:
@@ -145,7 +145,7 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return the name of each asset: as given, as for the same file in the folder, or from the file name."""
+        """Return each asset's name: as given, as for the same file in the folder, or from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}

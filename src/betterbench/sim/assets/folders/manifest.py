@@ -1,4 +1,4 @@
-"""The manifest of a folder of imported assets."""
+"""The manifest of a folder with imported assets."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class FolderAsset:
     """One asset of a folder, as its manifest lists it.
 
     Attributes:
-        file: Name of its file in the folder.
-        sha256: Digest of this file.
+        file: Its file's name in the folder.
+        sha256: This file's digest.
         color: Color word.
         kind: Kind that determined its size and mass, empty if unknown.
         size_m: Extents of its bounding box [m].
         mass_kg: Mass.
-        license: License of its mesh.
-        author: Author of the mesh, empty if unknown.
-        source: Origin of its mesh.
+        license: Its mesh's license.
+        author: Mesh author, empty if unknown.
+        source: Its mesh's origin.
         source_files: SHA-256 of each source file by name; the first is the file that the user gave.
         options: Options of the import.
         notes: Decisions of the importer, with reasons.
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """The list of the assets of a folder, by their names in tasks."""
+    """The list of a folder's assets, by their names in tasks."""
 
     format: int
     assets: dict[str, FolderAsset]
@@ -79,7 +79,7 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
     """Parse a manifest.
 
     Raises:
-        InvalidInputError: If the text is not a manifest, or the name of an asset or a file is invalid.
+        InvalidInputError: If the text is not a manifest, or an asset's name or a file is invalid.
     """
     found = read_form(_MANIFEST, text, where=where, cure=CURE)
     if found.format != FORMAT:
@@ -95,7 +95,7 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
 
 
 def manifest_of(folder: Path) -> Manifest:
-    """Return the manifest of a folder, an empty one if it has none.
+    """Return a folder's manifest, an empty one if it has none.
 
     Raises:
         InvalidInputError: If the manifest cannot be read.
@@ -107,7 +107,7 @@ def manifest_of(folder: Path) -> Manifest:
 
 
 def manifest_bytes(assets: Mapping[str, FolderAsset]) -> bytes:
-    """Return the text of a manifest, sorted by name."""
+    """Return a manifest's text, sorted by name."""
     ordered = {name: assets[name] for name in sorted(assets)}
     return _MANIFEST.dump_json(Manifest(format=FORMAT, assets=ordered), indent=1) + b"\n"
 

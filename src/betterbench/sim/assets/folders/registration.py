@@ -1,4 +1,4 @@
-"""Registration of the assets of a folder as categories that tasks can name."""
+"""Registration of a folder's assets as categories that tasks can name."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ MAX_FILE_BYTES = 64 << 20
 
 
 def asset_folder(folder: Path | str) -> tuple[str, ...]:
-    """Register all assets of a folder that ``better assets import`` has written, and return their names.
+    """Register all assets in a folder written by ``better assets import``, and return their names.
 
-    In a task file, a relative path starts at the folder of that file. ``--asset-dir`` does the same from the command
+    In a task file, a relative path starts at that file's folder. ``--asset-dir`` does the same from the command
     line.
 
     Raises:

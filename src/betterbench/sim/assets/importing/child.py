@@ -5,9 +5,10 @@ A malicious file can crash or hang the readers of meshes and images and the conv
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,13 +24,15 @@ from betterbench.sim.assets.importing.importer import Imported, Wishes, import_m
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 4
+VERSION = 5
 """Version of the importer; incremented when the same file gives another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
 """Limit of the wall-clock time of an import [s], well above the limit of processor time for busy machines."""
 
+_MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
+"""Main function of the child. It tries grasps with the simulator, which packages of assets do not import."""
 MOST_STORED_BYTES = 64 << 20
 """Largest file of an imported object."""
 _MOST_NOTE_BYTES = 1 << 20
@@ -127,7 +130,7 @@ def _kept(path: Path, place: Path, where: str) -> Made | None:
 
 def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
     asked = {"path": str(path.absolute()), "wishes": asdict(wishes)}
-    process = LimitedProcess(f"{__name__}:import_for_parent", cpu_s=MAX_CPU_S, environment=_ONE_THREAD)
+    process = LimitedProcess(_MAIN, cpu_s=MAX_CPU_S, environment=_ONE_THREAD)
     try:
         process.send(asked, b"", within_s=MAX_S)
         files = json.loads(process.receive(most=_MOST_NOTE_BYTES, within_s=MAX_S))
@@ -141,15 +144,26 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
         process.close()
 
 
-def import_for_parent() -> None:
-    """Import the object that a request names: the main function of the child."""
-    answer_requests(_answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)
+def answer_imports(finish: Callable[[Imported], Imported]) -> None:
+    """Import the objects that requests name, in the child.
+
+    Args:
+        finish: Last step of an import.
+    """
+    answers = functools.partial(_answers, finish=finish)
+    answer_requests(answers, memory_bytes=MAX_MEMORY_BYTES, cpu_s=MAX_CPU_S, unexpected=_unexpected)
 
 
-def _answers(asked: Mapping[str, Any], _data: bytes) -> Iterator[bytes]:
+def _unfinished(imported: Imported) -> Imported:
+    return imported
+
+
+def _answers(
+    asked: Mapping[str, Any], _data: bytes, *, finish: Callable[[Imported], Imported] = _unfinished
+) -> Iterator[bytes]:
     path = Path(asked["path"])
     files = FolderResolver(path.parent, one_line(path.name, most=120))
-    data = to_bytes(import_mesh(path, Wishes(**asked["wishes"]), files))
+    data = to_bytes(finish(import_mesh(path, Wishes(**asked["wishes"]), files)))
     yield json.dumps(files.digests).encode()
     yield data
 

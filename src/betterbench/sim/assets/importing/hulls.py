@@ -21,12 +21,18 @@ MOST_HULLS = 48
 _CORNERS = 40
 """Largest number of corners of a hull; each corner costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
-_CLOSE_M, _CLOSE_SHARE = 0.002, 0.03
-"""Distance from the surface up to which one hull is enough: a length [m], and a share of the longest side."""
+_CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
+"""Distance from the surface up to which one hull is enough: a length [m], or a share of the longest side and of the
+middle side, whichever is smaller. The middle side matters for tools: a fork is 3 cm wide and 28 cm long."""
+_THICK_FLOOR = 0.25
+"""Height of the floor of a hollow, as a share of the height of the object, from which the floor may be a base."""
+_MOSTLY_FREE = 0.3
+"""Fraction of a hollow that a decomposition may fill."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
-_LEAST_THICK_M = 0.0003
-"""Least thickness of a hull [m]: MuJoCo rejects flat hulls, and corners are rounded to a micrometer."""
+_LEAST_THICK_M = 0.0005
+"""Least thickness of a hull [m]: MuJoCo rejects a mesh whose vertices are coplanar, and misses contacts with an almost
+flat mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,30 +58,45 @@ def convex_hulls(
         surface: (n, 3) vertices [m] and (m, 3) faces.
         cavity: Hollow of the object, which stays open.
     """
-    size = float(np.ptp(solid.points, axis=0).max())
+    sides = np.sort(np.ptp(solid.points, axis=0))
+    size = float(sides[2])
     if cavity is None:
-        whole = hull_corners(solid.points)
+        whole = None if is_flat(solid.points) else hull_corners(solid.points)
         if whole is None:
-            return [], fit_of([], solid.points)
-        best = [whole], fit_of([whole], solid.points)
-        if best[1].outside_m <= max(_CLOSE_M, _CLOSE_SHARE * size):
+            return [], fit_of([], solid)
+        best = [whole], fit_of([whole], solid)
+        if best[1].outside_m <= max(_CLOSE_M, min(_CLOSE_SHARE * size, _CLOSE_MIDDLE_SHARE * float(sides[1]))):
             return best
         options = [_decomposed(*surface), _halved(solid.points, solid, most=_VHACD_HULLS)]
-        fitted = [best, *((hulls, fit_of(hulls, solid.points)) for hulls in options if hulls)]
+        fitted = [best, *((hulls, fit_of(hulls, solid)) for hulls in options if hulls)]
         return min(fitted, key=lambda option: _misfit(option[1]))
-    walls, rest = _walls(solid, cavity)
-    if rest.any():
-        walls += _attached(solid, rest)
-    fit = fit_of(walls, solid.points)
-    if len(walls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
+    hulls, fit = _hollow_hulls(solid, cavity)
+    if len(hulls) > MOST_HULLS or fit.outside_m > max(0.004, 0.05 * size):
         decomposed = _decomposed(*surface)
-        other = fit_of(decomposed, solid.points)
-        if other.outside_m < fit.outside_m:
+        other = fit_of(decomposed, solid)
+        if other.outside_m < fit.outside_m and filled_share(decomposed, solid, cavity) < _MOSTLY_FREE:
             return decomposed, other
-    if len(walls) > MOST_HULLS:
-        walls = walls[:MOST_HULLS]
-        fit = fit_of(walls, solid.points)
-    return walls, fit
+    if len(hulls) > MOST_HULLS:
+        hulls = hulls[:MOST_HULLS]
+        fit = fit_of(hulls, solid)
+    return hulls, fit
+
+
+def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
+    """Return the hulls of a hollow object: bands of floor and walls, or a base with walls where this fits better.
+
+    A base is tried if the floor is thick: a plate with a foot, or a bowl of soup, whose hollow begins at the soup.
+    """
+    body = _body_of(solid, cavity)
+    rest = solid.cells & ~body.near[:, :, None]
+    attached = _attached(solid, rest) if rest.any() else []
+    options = [_walls(solid, cavity, body)]
+    if cavity.floor_m > _THICK_FLOOR * float(np.ptp(solid.points[:, 2])):
+        options.append(_base_and_walls(solid, cavity, body))
+    fitted = [(hulls + attached, fit_of(hulls + attached, solid)) for hulls in options if hulls]
+    if len(fitted) == 1:
+        return fitted[0]
+    return min(fitted, key=lambda o: _misfit(o[1]) + cavity.depth_m * filled_share(o[0], solid, cavity))
 
 
 def _misfit(fit: Fit) -> float:
@@ -84,9 +105,10 @@ def _misfit(fit: Fit) -> float:
 
 
 def hull_corners(points: np.ndarray) -> np.ndarray | None:
-    """Return at most 40 extreme points of a set of points [m]; None if they do not span a volume."""
-    if len(points) < 4:
+    """Return at most 40 extreme points of a set of points [m]; a sheet gets a thickness, and a needle is None."""
+    if len(points) < 3:
         return None
+    points = with_thickness(points)
     try:
         if len(points) > _MANY:  # only extreme points are farthest in any direction; Qhull finds them sooner
             points = points[ConvexHull(points).vertices]
@@ -94,10 +116,28 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
         corners = chosen[ConvexHull(chosen).vertices]
     except (QhullError, ValueError):
         return None
-    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
-    if np.ptp(corners @ axes[2]) < _LEAST_THICK_M:
-        return None
     return np.ascontiguousarray(corners)
+
+
+def with_thickness(points: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) [m] that span at least half a millimeter across their plane; the given points if they do."""
+    normal, thickness = _thinnest(points)
+    lacking = _LEAST_THICK_M - thickness
+    if lacking <= 0.0:
+        return points
+    return np.concatenate([points - 0.5 * lacking * normal, points + 0.5 * lacking * normal])
+
+
+def is_flat(points: np.ndarray) -> bool:
+    """Return whether points (n, 3) [m] lie in one plane, to the rounding of the corners of hulls (a micrometer)."""
+    return _thinnest(points)[1] < 2e-6
+
+
+def _thinnest(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the normal (3,) of the plane that fits points best, and their extent along it [m]."""
+    offsets = points - points.mean(axis=0)
+    normal = np.linalg.eigh(offsets.T @ offsets)[1][:, 0]
+    return normal, float(np.ptp(offsets @ normal))
 
 
 def _directions() -> np.ndarray:
@@ -110,33 +150,83 @@ def _directions() -> np.ndarray:
     return np.concatenate([cube / np.linalg.norm(cube, axis=1, keepdims=True), ball])
 
 
-def _walls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the hulls of floor and walls, and the remaining cells (such as a handle).
+@dataclass(frozen=True, slots=True, eq=False)
+class _Body:
+    """The part of a hollow object around its hollow, without handles and spouts.
+
+    Attributes:
+        near: (nx, ny) columns of the hollow and of its wall.
+        points: (k, 3) points of the surface in these columns [m].
+        columns: (k, 2) columns of the points.
+        sector: (k,) sector of the wall that each point belongs to.
+        center: Middle of the hollow, x and y [m].
+    """
+
+    near: np.ndarray
+    points: np.ndarray
+    columns: np.ndarray
+    sector: np.ndarray
+    center: tuple[float, float]
+
+
+def _body_of(solid: Solid, cavity: Cavity) -> _Body:
+    x, y, half_x, half_y = columns_box(solid, cavity.mask)
+    wall = _wall_cells(cavity.mask, np.isfinite(cavity.tops))
+    near = ndimage.binary_dilation(cavity.mask, ndimage.generate_binary_structure(2, 2), iterations=wall)
+    columns = solid.index(solid.points)[:, :2]
+    of_body = near[tuple(columns.T)]
+    points, columns = solid.points[of_body], columns[of_body]
+    offset = points[:, :2] - (x, y)
+    turn = np.arctan2(offset[:, 1], offset[:, 0])
+    edges = _sector_edges(cavity.mask, half_x, half_y)
+    sector = np.searchsorted(edges, np.mod(turn - edges[0], 2 * np.pi) + edges[0], side="right") - 1
+    return _Body(near, points, columns, sector, (x, y))
+
+
+def _walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
+    """Return the hulls of floor and walls.
 
     The surface is seen from a focus in the middle of the opening: the angle from straight down to the rim runs along
     the profile, so bands of this angle are pieces of the floor and the wall, each nearly straight.
     """
-    x, y, half_x, half_y = columns_box(solid, cavity.mask)
-    wall = _wall_cells(cavity.mask, np.isfinite(cavity.tops))
-    near = ndimage.binary_dilation(cavity.mask, ndimage.generate_binary_structure(2, 2), iterations=wall)
-    i, j, _ = solid.index(solid.points).T
-    of_body = near[i, j]
-    points = solid.points[of_body]
-    offset = points[:, :2] - (x, y)
-    radius, turn = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+    _, _, half_x, half_y = columns_box(solid, cavity.mask)
+    radius = np.hypot(*(body.points[:, :2] - body.center).T)
     focus = cavity.rim_m + 0.05 * cavity.depth_m
-    angle = np.arctan2(radius, focus - points[:, 2])
-    edges = _sector_edges(cavity.mask, half_x, half_y)
-    sector = np.searchsorted(edges, np.mod(turn - edges[0], 2 * np.pi) + edges[0], side="right") - 1
+    angle = np.arctan2(radius, focus - body.points[:, 2])
     corner = float(np.arctan2(0.8 * min(half_x, half_y), focus - cavity.floor_m))
-    bands = _bands(points, angle, sector, corner, inner=_inner_points(solid, cavity))
+    bands = _bands(body.points, angle, body.sector, corner, inner=_inner_points(solid, cavity))
     hulls: list[np.ndarray] = []
     for low, high, whole in bands:
         inside = (angle >= low - 1e-9) & (angle <= high)
-        groups = [inside] if whole else [inside & (sector == k) for k in range(len(edges) - 1)]
-        hulls += [found for group in groups if (found := hull_corners(points[group])) is not None]
-    rest = solid.cells & ~near[:, :, None]
-    return hulls, rest
+        groups = [inside] if whole else [inside & (body.sector == k) for k in np.unique(body.sector)]
+        hulls += [found for group in groups if (found := hull_corners(body.points[group])) is not None]
+    return hulls
+
+
+def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
+    """Return one hull up to the floor of the hollow, and hulls of the sectors of the wall above it."""
+    level = float(np.median(cavity.tops[cavity.mask]))
+    heights = body.points[:, 2]
+    hollow = ndimage.binary_fill_holes(cavity.mask)
+    labels, _ = ndimage.label(~hollow | (cavity.tops > level + solid.pitch_m))
+    # A raised column in the hollow is part of the wall if it touches the wall, and otherwise a piece of the filling.
+    of_wall = np.isin(labels, np.unique(labels[~hollow]))
+    wall = (heights > level - solid.pitch_m) & of_wall[tuple(body.columns.T)]
+    groups = [heights <= level, *(wall & (body.sector == k) for k in np.unique(body.sector))]
+    return [found for group in groups if (found := hull_corners(body.points[group])) is not None]
+
+
+def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> float:
+    """Return the fraction of a hollow that hulls fill."""
+    columns = np.argwhere(cavity.mask)
+    xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
+    low = cavity.tops[tuple(columns.T)] + 1.5 * solid.pitch_m
+    points = np.concatenate([np.column_stack([xy, low + share * (cavity.rim_m - low)]) for share in (0.1, 0.4, 0.7)])
+    points = points[points[:, 2] < cavity.rim_m]
+    inside = np.zeros(len(points), bool)
+    for corners in hulls:
+        inside |= inside_hull(ConvexHull(corners), points, 0.5 * solid.pitch_m)
+    return float(inside.mean()) if len(points) else 0.0
 
 
 def _wall_cells(mask: np.ndarray, footprint: np.ndarray) -> int:
@@ -292,13 +382,18 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
     return np.concatenate(kept)
 
 
-def fit_of(hulls: Sequence[np.ndarray], points: np.ndarray) -> Fit:
-    """Return how well collision shapes fit a visible surface, given as points spread over it (k, 3) [m]."""
+def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
+    """Return how well collision shapes fit the visible surface of a solid.
+
+    A point of a shape inside the solid is at distance zero, because it cannot be touched.
+    """
     if not hulls:
         return Fit(np.inf, np.inf)
+    points = solid.points
     size = float(np.ptp(points, axis=0).max())
     theirs = surface_points(hulls, size / 60.0)
     to_visible, _ = cKDTree(points).query(theirs)
+    to_visible[(solid.cells & ~solid.surface)[tuple(solid.index(theirs).T)]] = 0.0
     seen = points[:: max(1, len(points) // 20_000)]
     to_shapes, _ = cKDTree(theirs).query(seen)
     for corners in hulls:  # points inside a shape have contact

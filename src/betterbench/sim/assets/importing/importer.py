@@ -17,7 +17,7 @@ from betterbench.sim.assets.importing.appearance import visual_parts
 from betterbench.sim.assets.importing.cavity import Cavity, columns_box, floor_square, highest_level, tops_of
 from betterbench.sim.assets.importing.foot import foot_under
 from betterbench.sim.assets.importing.grasping import proposals
-from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of
+from betterbench.sim.assets.importing.hulls import Fit, convex_hulls, fit_of, with_thickness
 from betterbench.sim.assets.importing.kinds import Kind, kind_of
 from betterbench.sim.assets.importing.measures import share_from_behind
 from betterbench.sim.assets.importing.mesh_file import FolderResolver
@@ -32,8 +32,11 @@ DENSITY = 500.0
 """Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
 _MOSTLY = 0.5
 """Share of back-facing surface in an image above which a mesh is inside out rather than open."""
+_DENSEST = 7000.0
+"""Largest density of an object with its usual mass [kg/m^3]: steel has 7,900, and cells overestimate thin walls."""
+_LEAST_TOP_M = 0.010
+"""Least half side of a level surface that can carry another object [m]."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
-_THINNEST_M = 0.0005
 _FRICTION = (0.6, 0.006, 0.0008)
 """Friction of glazed ceramic, painted metal and hard plastic; see the materials of the library."""
 
@@ -110,7 +113,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
     body, said = _body(placed, kind, longest, wishes)
     hulls, by_file = stated_hulls(placed)
     if hulls:
-        fit = fit_of(hulls, placed.solid.points)
+        fit = fit_of(hulls, placed.solid)
     else:
         hulls, fit = convex_hulls(placed.solid, placed.mesh.surface(), placed.cavity)
     if not hulls:
@@ -178,12 +181,14 @@ def _body(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
 def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> tuple[float, str]:
     if wishes.mass_kg is not None:
         return wishes.mass_kg, f"mass {1000 * wishes.mass_kg:.3g} g, as given"
-    if kind is not None:
-        mass, why = kind.mass_at(longest), f"usual for a {kind.name} of this size"
+    solid = placed.solid
+    volume = (float(solid.cells.sum()) - 0.5 * float(solid.surface.sum())) * solid.pitch_m**3
+    if kind is None:
+        mass, why = DENSITY * volume, f"{DENSITY:g} kg/m^3 of solid, since its kind is not known"
+    elif kind.mass_at(longest) > _DENSEST * volume:
+        mass, why = _DENSEST * volume, f"{_DENSEST:g} kg/m^3 of solid: it is slimmer than a usual {kind.name}"
     else:
-        solid = placed.solid
-        cells = float(solid.cells.sum()) - 0.5 * float(solid.surface.sum())
-        mass, why = DENSITY * cells * solid.pitch_m**3, f"{DENSITY:g} kg/m^3 of solid, since its kind is not known"
+        mass, why = kind.mass_at(longest), f"usual for a {kind.name} of this size"
     mass = round(min(max(mass, _LIGHTEST_KG), _HEAVIEST_KG), 4)
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 
@@ -223,19 +228,6 @@ def collision_part(corners: np.ndarray) -> CollisionPart:
     return CollisionPart("hull", (0.0, 0.0, 0.0), vertices=vertices, friction=_FRICTION)
 
 
-def with_thickness(corners: np.ndarray) -> np.ndarray:
-    """Return the corners (n, 3) of a hull that is at least half a millimeter thick [m].
-
-    MuJoCo rejects a mesh whose vertices are coplanar, and misses contacts with an almost flat mesh.
-    """
-    _, _, axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
-    normal = axes[2]
-    lacking = _THINNEST_M - float(np.ptp(corners @ normal))
-    if lacking <= 0.0:
-        return corners
-    return np.concatenate([corners - 0.5 * lacking * normal, corners + 0.5 * lacking * normal])
-
-
 def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Region]:
     """Return the regions of an object that tasks use: base, and opening, inside, floor and rim or top."""
     low = solid.surface & (np.arange(solid.cells.shape[2]) <= 2)[None, None, :]
@@ -243,7 +235,7 @@ def regions_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> list[Re
     found = [zone("base", half_x, half_y, x=x, y=y)]
     if cavity is None:
         level = highest_level(solid, tops_of(solid))
-        if level is not None:
+        if level is not None and level[3] >= _LEAST_TOP_M:
             height, x, y, half = level
             found.append(zone("top", half, half, height, x=x, y=y))
         return found

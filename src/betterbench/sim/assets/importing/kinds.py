@@ -8,6 +8,11 @@ from importlib import resources
 
 from betterbench.sim.assets.names import words_of
 
+TALL_SHARE = 0.95
+"""Least height of a standing object of a tall kind as a share of its longest side."""
+FLAT_SHARE = 1.10
+"""Largest height of a lying object of a flat kind as a multiple of its smaller horizontal side."""
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -18,6 +23,8 @@ class Kind:
         high_m: Longest side of the largest usual object [m].
         mass_kg: Mass of a medium-sized object.
         is_open: Whether the object is hollow and open at the top in use.
+        is_tall: Whether it stands with its longest side up.
+        is_flat: Whether it lies on its broadest side.
         names: All names, each as words separated by spaces.
     """
 
@@ -26,6 +33,8 @@ class Kind:
     high_m: float
     mass_kg: float
     is_open: bool
+    is_tall: bool
+    is_flat: bool
     names: tuple[str, ...]
 
     @property
@@ -34,8 +43,11 @@ class Kind:
         return float((self.low_m * self.high_m) ** 0.5)
 
     def mass_at(self, longest_m: float) -> float:
-        """Return the mass [kg] at a longest side [m], scaled by the cube of the size."""
-        return float(self.mass_kg * (longest_m / self.middle_m) ** 3)
+        """Return the mass [kg] at a longest side [m], scaled by the cube of the size.
+
+        Flat objects are scaled by the square: a larger plate or fork is hardly thicker.
+        """
+        return float(self.mass_kg * (longest_m / self.middle_m) ** (2 if self.is_flat else 3))
 
 
 @functools.cache
@@ -47,10 +59,19 @@ def kinds() -> tuple[Kind, ...]:
 
 def _kind(line: str) -> Kind:
     head, _, others = line.partition(":")
-    *words, low, high, mass, hollow = head.split()
+    *words, low, high, mass, use = head.split()
     name = " ".join(words)
-    names = tuple(dict.fromkeys((name, *(other.strip() for other in others.split(",") if other.strip()))))
-    return Kind(name, 0.01 * float(low), 0.01 * float(high), 0.001 * float(mass), hollow == "open", names)
+    uses = use.split(",")
+    return Kind(
+        name=name,
+        low_m=0.01 * float(low),
+        high_m=0.01 * float(high),
+        mass_kg=0.001 * float(mass),
+        is_open="open" in uses,
+        is_tall="tall" in uses,
+        is_flat="flat" in uses,
+        names=tuple(dict.fromkeys((name, *(other.strip() for other in others.split(",") if other.strip())))),
+    )
 
 
 def kind_of(text: str) -> Kind | None:

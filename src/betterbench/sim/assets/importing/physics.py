@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from betterbench.sim.assets.importing.hulls import MOST_HULLS, fit_of, hull_corners
+from betterbench.sim.assets.importing.hulls import MOST_HULLS, filled_share, fit_of, hull_corners
 from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import Placed
@@ -110,30 +109,13 @@ def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
         return [], ("the collision shapes of the file are flat: new shapes were made",)
     # Touching pieces share a face inside the object; slightly enlarged pieces overlap there.
     grown = [corners + 0.01 * (corners - corners.mean(axis=0)) for corners in hulls]
-    fit = fit_of(grown, placed.solid.points)
+    fit = fit_of(grown, placed.solid)
     near = max(_CLOSE_M, _CLOSE_SHARE * float(np.ptp(placed.solid.points, axis=0).max()))
     farthest = max(fit.outside_m, fit.inside_m)
     if farthest > near:
         return [], (
             f"the collision shapes of the file are {1000 * farthest:.0f} mm off the surface: new shapes were made",
         )
-    if _filled(hulls, placed) > _MOST_FILLED:
+    if placed.cavity is not None and filled_share(hulls, placed.solid, placed.cavity) > _MOST_FILLED:
         return [], ("the collision shapes of the file fill its hollow: new shapes were made",)
     return hulls, (f"{plural(len(hulls), 'collision shape')} of the file",)
-
-
-def _filled(hulls: list[np.ndarray], placed: Placed) -> float:
-    """Return the fraction of the hollow of an object that hulls fill."""
-    cavity, solid = placed.cavity, placed.solid
-    if cavity is None:
-        return 0.0
-    columns = np.argwhere(cavity.mask)
-    xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
-    low = cavity.tops[tuple(columns.T)] + 1.5 * solid.pitch_m
-    points = np.concatenate([np.column_stack([xy, low + share * (cavity.rim_m - low)]) for share in (0.1, 0.4, 0.7)])
-    points = points[points[:, 2] < cavity.rim_m]
-    inside = np.zeros(len(points), bool)
-    for corners in hulls:
-        planes = ConvexHull(corners).equations
-        inside |= (points @ planes[:, :3].T + planes[:, 3]).max(axis=1) < -0.5 * solid.pitch_m
-    return float(inside.mean()) if len(points) else 0.0

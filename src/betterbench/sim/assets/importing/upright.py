@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from betterbench.errors import InvalidInputError
 from betterbench.sim.assets.importing.cavity import Cavity, cavity_of
 from betterbench.sim.assets.importing.hulls import hull_corners
-from betterbench.sim.assets.importing.kinds import Kind
+from betterbench.sim.assets.importing.kinds import FLAT_SHARE, TALL_SHARE, Kind
 from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.raw import RawMesh
 from betterbench.sim.assets.importing.solid import GRID, Solid, mass_of_cells, solid_of
@@ -69,7 +69,7 @@ def place(
         kind: Kind of the object, None if it is not known.
         where: Name of the file for messages.
         up: Axis of the file that points up; otherwise from the rule of the format, from the hollow of an open object,
-            or from the most stable pose.
+            from the use of its kind (bottles stand, forks lie), or from the most stable pose.
         size_m: Longest side [m]; otherwise from the unit of the format if the kind can have this size, from another
             usual unit, or from the middle size of the kind.
 
@@ -90,18 +90,54 @@ def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tu
     """Return the axis of the file that points up, and a note about it."""
     if up is not None:
         return up, ()
+    axis, cavity, notes = _by_rule_or_hollow(sized, kind)
+    needed = None if cavity is not None else _axis_of_kind(sized, kind, axis)
+    if kind is None or needed is None:
+        return axis, notes
+    use = "stands" if kind.is_tall else "lies flat"
+    return needed, (f"turned: {needed} of the file points up, since a {kind.name} {use}",)
+
+
+def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
+    """Return the axis that points up if a tall kind stands or a flat kind lies; None if the given axis does."""
+    if kind is None or not (kind.is_tall or kind.is_flat):
+        return None
+    sides = dict(zip("xyz", np.ptp(sized.bounds(), axis=0).tolist(), strict=True))
+    height = sides[axis[-1]]
+    others = [side for name, side in sides.items() if name != axis[-1]]
+    if kind.is_tall:
+        if height >= TALL_SHARE * max(sides.values()):
+            return None
+        needed = max(sides, key=lambda name: sides[name])
+    else:
+        if height <= FLAT_SHARE * min(others):
+            return None
+        needed = min(sides, key=lambda name: sides[name])
+
+    def rank(axis: str) -> tuple[float, ...]:
+        _, solid, cavity = _tried(sized, axis)
+        held = 0.0 if cavity is None or kind.is_tall else cavity.volume_m3  # a bottle may have a hollow bottom
+        return held, round(footing(solid), 1), -len(axis)
+
+    return max((needed, f"-{needed}"), key=rank)
+
+
+def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity | None, tuple[str, ...]]:
+    """Return the axis that points up by the rule of the format or by the hollow of an open kind, with the hollow."""
     axes = [mesh_up] if (mesh_up := sized.up) is not None else ["z", "y"]
     may_turn = kind is not None and kind.is_open
     if len(axes) == 1 and not may_turn:
-        return axes[0], ()
+        return axes[0], None, ()
     tried = [_tried(sized, axis) for axis in axes]
     if may_turn and all(cavity is None for _, _, cavity in tried):
         tried += [_tried(sized, axis) for axis in _TURNS if axis not in axes]
     best = max(range(len(tried)), key=lambda k: _rank(tried[k][1], tried[k][2], kind, -k))
-    axis = tried[best][0]
+    axis, _, cavity = tried[best]
+    hollow = cavity if may_turn else None
     if mesh_up is None:
-        return axis, (f"{axis} of the file points up: the format has no rule, and it stands best so",)
-    return axis, () if axis == mesh_up else (f"turned: {axis} of the file points up, since it is open there",)
+        return axis, hollow, (f"{axis} of the file points up: the format has no rule, and it stands best so",)
+    turned = () if axis == mesh_up else (f"turned: {axis} of the file points up, since it is open there",)
+    return axis, hollow, turned
 
 
 def _tried(sized: RawMesh, axis: str) -> tuple[str, Solid, Cavity | None]:

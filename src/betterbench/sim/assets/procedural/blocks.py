@@ -1,4 +1,4 @@
-"""Painted wooden blocks: toy blocks, and blocks with the size of another object."""
+"""Painted wooden blocks: toy blocks, and blocks with another object's size."""
 
 import math
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ def _painted_wood(
 ) -> Canvas:
     """Draw painted wood: wavy year rings and grain.
 
-    The ``waves`` are the number of year rings, and the height and number of their waves; ``rings`` and ``amount`` are
-    the strengths of the rings and of the grain, ``cells`` is the number of fibers.
+    ``waves`` are the number of annual rings, and the height and number of their waves; ``rings`` and ``amount`` are the
+    strengths of the rings and the grain, ``cells`` is the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves
@@ -92,8 +92,8 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
 def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden block with the length, width and height of a stapler: solid, without a gap or metal.
 
-    Its paint is worn off along the edges and at the ends, where bare wood shows. Beech of 700 kg/m^3 would weigh 0.15
-    to 0.19 kg at this size; the block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
+    Its paint is worn off along the edges and at the ends, where bare wood shows. At this size, beech with 700 kg/m^3
+    would weigh 0.15 to 0.19 kg; the block has a stapler's 0.2 to 0.25 kg, like denser wood, so that it differs from a
     stapler only in appearance.
     """
     length, width, height = stapler_size(rng)
@@ -143,7 +143,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
 def round_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a wooden round toy block with the size of a burger; in brown it has the color of the bun.
+    """Make a wooden round toy block with the size of a burger; the brown block has the bun's color.
 
     A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if
     stained, and edges that are more or less beveled. It has neither a groove nor a ring, which would make it look like

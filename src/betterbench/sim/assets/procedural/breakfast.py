@@ -1,4 +1,4 @@
-"""Tableware that stands on a breakfast table: a bowl of cereal, a salt shaker, a jar of jam, an egg in its cup."""
+"""Breakfast tableware: a bowl of cereal, a salt shaker, a jar of jam, an egg in its cup."""
 
 import math
 

@@ -1,8 +1,8 @@
 """The single layers of a cheeseburger, and the kitchen sponge that looks like its cheese.
 
-Every layer stands on four fixed corners a fraction of a millimeter below its round or square body and has a flat top,
-so that a stack has few contacts and stays still. Layers are thicker than real food: a jaw reaches 12 mm below its
-center and cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape: the
+Every layer rests on four fixed corners a fraction of a millimeter below its round or square body and has a flat top, so
+that a stack has few contacts and stays still. Layers are thicker than real food: a jaw reaches 12 mm below its center
+and cannot grasp objects lower than 10 mm on a table. The visual shape may extend beyond the collision shape: the
 corners of cheese and the edges of a leaf are soft.
 """
 
@@ -22,7 +22,7 @@ FILLING_M = 0.014
 An object placed on any filling is therefore released at the same height."""
 
 BOTTOM_M = 0.026
-"""Height of the cut face of the lower half of the bun [m], the same in every look."""
+"""Height of the cut face of the bun's lower half [m], the same in every look."""
 
 _CRUMB: Rgb = (0.98, 0.93, 0.79)
 _GRIP = 0.0125
@@ -61,7 +61,7 @@ def _slab(outline: np.ndarray, low: float, high: float, *, bevel: float, crease:
 def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     """Make the lower half of a bun, its white cut face up: a thick bulging roll that was cut through.
 
-    Half a bun of 80 mm weighs 30 to 40 g; 60 to 70 g let it stand still while a burger is built on it.
+    Half a bun with a diameter of 80 mm weighs 30 to 40 g; 60 to 70 g keep it still while a burger is built on it.
     """
     radius, belly, bulge = uniforms(rng, (0.0375, 0.0405), (0.40, 0.58), (0.050, 0.100))
     toast, sole = str(rng.choice(["plain", "golden", "rim"])), rng.uniform(0.58, 0.70)
@@ -106,7 +106,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
 def patty(rng: np.random.Generator, _color: str) -> Draft:
     """Make a grilled patty of minced beef: dark, rough, with an uneven edge.
 
-    A grilled patty of 70 mm by 14 mm holds 54 cm^3 and weighs 60 g.
+    A grilled patty of 70 mm by 14 mm has a volume of 54 cm^3 and weighs 60 g.
     """
     radius, ragged, shoulder = uniforms(rng, (0.0333, 0.0357), (0.02, 0.06), (0.86, 0.96))
     meat = jittered(mixed((0.40, 0.19, 0.10), (0.29, 0.14, 0.08), rng.random()), rng, amount=0.15)
@@ -148,7 +148,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
     """Make a thick slice of cheese: smooth and glossy, with a few large round holes, some of them cut by its edge.
 
-    Cheese of 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3); a fifth of it is holes.
+    Cheese measuring 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3); a fifth of it is holes.
     """
     length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)
@@ -232,8 +232,8 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
 def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
     """Make two stacked leaves of lettuce: longer than wide, with a pale midrib and a ruffled, wavy edge.
 
-    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box with
-    the thickness of a filling; their soft edges extend beyond it and are only visual.
+    Lettuce on a burger is 80 to 100 mm long and weighs 10 to 20 g. The collision shape of the leaves is a flat box as
+    thick as a filling; their soft edges extend beyond it and are only visual.
     """
     half_x, half_y, wave = uniforms(rng, (0.043, 0.050), (0.033, 0.037), (0.0035, 0.0055))
     ruffles, pointed, height = int(rng.integers(6, 10)), rng.uniform(0.0, 0.16), FILLING_M

@@ -62,7 +62,7 @@ def can_shell(radius: float, height: float, shoulder: float) -> Turned:
 
 
 def draw_label(rng: np.random.Generator, shell: Turned, shade: Rgb, *, design: str) -> Canvas:
-    """Draw half of a can from the bottom over a print, one of :data:`DESIGNS`, to the lid."""
+    """Draw half of a can from the bottom to the lid, including a print, one of :data:`DESIGNS`."""
     bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))
     canvas = shell.canvas(CHROME)
     x, y, width = canvas.x, canvas.y, canvas.width

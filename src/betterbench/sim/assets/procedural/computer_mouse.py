@@ -1,4 +1,4 @@
-"""Computer mice, and a bar of soap with the outline of a mouse."""
+"""Computer mice, and a bar of soap with a mouse's outline."""
 
 import math
 
@@ -12,7 +12,7 @@ _SIDES = 24
 
 
 def _size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a mouse or the matching soap; must be the first draw of a look."""
+    """Draw length, width and height [m] of a mouse or the matching soap; must be a look's first draw."""
     length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
     return length, width, height
 
@@ -22,10 +22,10 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery:
-        430 kg/m^3 times the volume of the bounding box.
+    430 kg/m^3 times the bounding box volume.
     """
     length, width, height = _size(rng)
-    # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
+    # The back is highest behind the center because of the hump; the waist narrows the sides.
     hump, waist, power = rng.uniform(0.002, 0.018), rng.uniform(0.00, 0.14), rng.uniform(2.1, 3.2)
     extra_button, trim = rng.random() < 0.5, str(rng.choice(["plain", "grips", "spine", "buttons", "palm", "buttons"]))
     wheel_paint = ((0.86, 0.87, 0.88), (0.95, 0.45, 0.10), (0.20, 0.75, 0.90), (0.80, 0.15, 0.15))[int(rng.integers(4))]
@@ -63,13 +63,13 @@ def _outline(half_x: float, half_y: float, power: float, waist: float) -> np.nda
     c, s = np.cos(angle), np.sin(angle)
     x = half_x * np.sign(c) * np.abs(c) ** (2.0 / power)
     y = half_y * np.sign(s) * np.abs(s) ** (2.0 / power)
-    # Widest behind the middle, where the palm lies.
+    # Widest behind the center, where the palm rests.
     y = y * (1.0 - waist * np.clip(0.25 - x / half_x, 0.0, 1.0))
     return np.stack([x, y * half_y / float(np.abs(y).max())], axis=1)
 
 
 def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarray:
-    """Return the height of the back of a mouse along its middle line [m]."""
+    """Return the height of a mouse's back along its center line [m]."""
     t = (x - hump) / (0.5 * length + np.where(x < hump, hump, -hump))
     return height * (1.0 - np.where(x < hump, 0.36, 0.50) * np.abs(t) ** 2.2)
 
@@ -122,10 +122,10 @@ def _shell(
 
 @generator("soap_bar", colors=("gray", "white", "green"), family="computer_mouse")
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a bar of soap with the size and the approximate outline of a computer mouse, with lather on one end.
+    """Make a bar of soap with the size and approximate outline of a computer mouse, with lather on one end.
 
-    A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that, like a
-    used bar, so that it is hardly heavier than the mouse that it resembles.
+    A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It has three quarters of that mass,
+    like a used bar, so that it is hardly heavier than the mouse that it resembles.
     """
     length, width, height = _size(rng)
     length, width, height = 0.95 * length, 0.97 * width, 0.93 * height
@@ -179,7 +179,8 @@ def _lather(rng: np.random.Generator, length: float, width: float, height: float
     return merge(lumps)
 
 
-# Strokes of the letters that are stamped into soap, the x of its points and then their y, in a cell 1 by 1.6.
+# Strokes of the letters stamped into the soap, the x coordinates of their points and then the y coordinates, in a cell
+# 1 by 1.6.
 _Stroke = tuple[tuple[float, ...], tuple[float, ...]]
 _BOWL: _Stroke = ((0.05, 0.05, 0.7, 1.0, 0.7, 0.05), (0.0, 1.6, 1.6, 1.25, 0.8, 0.8))
 _SNAKE = (0.95, 0.7, 0.25, 0.0, 0.2, 0.8, 1.0, 0.75, 0.25, 0.02)

@@ -15,11 +15,11 @@ _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0
 
 @generator("crumpled_napkin", colors=("white", "cream"))
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
-    """Make a paper napkin crumpled to a loose ball, with protruding corners of the paper.
+    """Make a paper napkin crumpled to a loose ball, with protruding paper corners.
 
     A dinner napkin of 0.40 x 0.40 m with two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g. The mass of a crumpled
-    napkin is 77 kg/m^3 times the volume of its bounding box. It does not roll, because its collision shape has corners
-    above and below.
+    napkin is 77 kg/m^3 times its bounding box volume. It does not roll, because its collision shape has corners above
+    and below.
     """
     wide, deep, high = uniforms(rng, (0.067, 0.071), (0.064, 0.068), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
@@ -31,7 +31,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     ball, flaps = ball.moved(x, y, z), [flap.moved(x, y, z) for flap in flaps]
     top = float(ball.vertices[:, 2].max())
     radius = 0.25 * (wide + deep) - 0.0030
-    foot = 0.75 * radius  # its corners stand out of the round middle
+    foot = 0.75 * radius  # its corners stick out of the round center
     picture = _paper(rng, paper, ink=ink if printed else None)
     edge = Canvas(1.0, 1.0, (16, 32), paper)
     if printed:
@@ -64,7 +64,7 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
         for b in (-golden, golden):
             points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
     corners = np.array(points)
-    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # the length of its edges
+    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # its edge length
     soup = []
     for i, j, k in itertools.combinations(range(12), 3):
         if not (near[i, j] and near[j, k] and near[i, k]):
@@ -87,7 +87,7 @@ def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: int, count: int) -> Mesh:
-    """Return a corner of the paper that stands out of a ball with these half extents [m]: a bent, pointed sheet."""
+    """Return a corner of the paper that sticks out of a ball with these half extents [m]: a bent, pointed sheet."""
     angle = 2.0 * math.pi * (number + rng.uniform(-0.3, 0.3)) / count
     rise, size, curl = rng.uniform(0.50, 1.15), rng.uniform(0.017, 0.024), rng.uniform(-0.5, 0.5)
     out = np.array([math.cos(angle) * math.cos(rise), math.sin(angle) * math.cos(rise), math.sin(rise)])
@@ -109,10 +109,10 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
 
 
 def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, roughness: float) -> Mesh:
-    """Return the ball: flats between sharp folds, creases that cut in, and tips of paper that stand out."""
+    """Return the ball: flat areas between sharp folds, creases that cut in, and protruding paper tips."""
     directions, faces = _sphere(5)
     n = len(directions)
-    # Flats: the ball lies within randomly placed planes.
+    # Flats: the ball is inside randomly placed planes.
     planes = rng.standard_normal((16, 3))
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     distance = rng.uniform(0.84, 1.0, 16)
@@ -129,7 +129,7 @@ def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, rou
     spread = directions + 0.035 * rng.standard_normal((n, 3))
     points = spread * share[:, None]
     depth = share / float(share.max())
-    # Fit the size, and press the underside flat where it lies.
+    # Fit the size, and press the underside flat where the napkin rests.
     low, top = points.min(axis=0), points.max(axis=0)
     rx, ry, rz = half
     points = (points - 0.5 * (low + top)) / (0.5 * (top - low)) * np.array([rx, ry, rz + 0.0025])

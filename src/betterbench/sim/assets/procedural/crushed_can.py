@@ -20,7 +20,7 @@ _CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
 
 @dataclass(frozen=True, slots=True)
 class _Crush:
-    """Deformation of a can that was squeezed while it lay along x; lengths in m, angles in rad.
+    """Deformation of a can that was squeezed while its axis was along x; lengths in m, angles in rad.
 
     Attributes:
         length, height: Extents of the crushed can.
@@ -39,9 +39,9 @@ class _Crush:
 
 @generator("crushed_can", colors=("red", "silver", "blue", "green"))
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
-    """Make an empty can that lies on its side, squeezed in its middle and bent.
+    """Make an empty can on its side, squeezed at its center and bent.
 
-    An empty can has 13 to 14 g of aluminum; with a rest of the drink, it weighs 18 to 22 g. A jaw grasps it at its
+    An empty can has 13 to 14 g of aluminum; with some drink left in it, it weighs 18 to 22 g. A jaw grasps it at its
     waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
@@ -117,7 +117,7 @@ def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
         across = reach * np.cos(angle) * (1.0 - pinch * (1.0 - crush.waist / _RADIUS))
         across = np.clip(across, -_RADIUS, _RADIUS)
         up = 0.5 * crush.height * reach / _RADIUS * np.sin(angle) * (1.0 - 0.12 * pinch)
-        # The lid and the bottom are tilted, each to its side; the sharp edge of each fold stands out.
+        # The lid and the bottom are tilted to different sides; the sharp edge of each fold protrudes.
         tilt = 0.22 * (share - 0.5) * across + 0.0026 * (-1.0) ** index * (np.abs(np.sin(angle)) - 0.5) * (radius > 0.0)
         x0, y0, turn = _bent(crush, along)
         x = x0 + tilt * math.cos(turn) - across * math.sin(turn)

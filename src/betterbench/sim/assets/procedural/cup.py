@@ -13,7 +13,7 @@ from betterbench.sim.assets.authoring.solids import foot_square, solid_box, stan
 _WALL, _COLORS = 0.0028, ("blue", "red", "white", "yellow")
 _BANDS = {"band": ((0.50, 0.78),), "rim": ((0.86, 2.0),), "stripes": ((0.30, 0.42), (0.58, 0.70))}
 _FORMS = {
-    # Shares of the radius at four shares of the height.
+    # Fractions of the radius at four fractions of the height.
     "flared": (0.66, 0.80, 0.91, 1.0),
     "round": (0.80, 0.94, 0.985, 1.0),
     "tulip": (0.84, 0.95, 0.945, 1.0),
@@ -23,7 +23,7 @@ _FORMS = {
 
 @generator("cup", colors=_COLORS, family="tea cup")
 def cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a low wide cup of tea on a narrow foot; its handle stands out along +x like an ear.
+    """Make a low wide cup of tea on a narrow foot; its handle protrudes along +x like an ear.
 
     A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 65 mm high and weighs 0.13 to 0.2 kg. Its collision
     shape is filled: it already contains tea, and nothing is put into it.
@@ -80,7 +80,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, float], half: float) -> Mesh:
-    """Return a handle like an ear, between two heights, of half a width, that stands out by ``loop`` [m]."""
+    """Return an ear-shaped handle between two heights, with a half width, that protrudes by ``loop`` [m]."""
     (low, top), b, bevel = z, 0.0034, 0.0016
     droop, start = rng.uniform(0.0, 0.30) * (top - low), radius - 0.0035
     out = radius + loop - b
@@ -97,7 +97,7 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
 
     It is ribbed, ringed, faceted or plain; its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
     wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled: nothing is put into it, and a
-    jaw can grasp it at any yaw with the same width.
+    gripper can grasp it at any yaw with the same width.
     """
     radius, share, height, wall = uniforms(rng, (0.0290, 0.0325), (0.80, 0.95), (0.106, 0.122), (0.0020, 0.0026))
     pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.014, 0.020)

@@ -29,8 +29,8 @@ _HANDLES: Mapping[str, tuple[str, tuple[Rgb, ...]]] = {
 def fork(rng: np.random.Generator, color: str) -> Draft:
     """Make a table fork that lies along x, its three or four tines at -x; yellow is brass.
 
-    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than the handle of
-    plain steel cutlery: a jaw reaches 12 mm below its center, so it cannot grasp objects lower than 10 mm on a table.
+    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
+    steel cutlery: the gripper reaches 12 mm below its center, so it cannot grasp objects lower than 10 mm on a table.
     """
     half_width, tines, tine = uniforms(rng, (0.0145, 0.0180), (0.030, 0.043), (0.0019, 0.0023))  # tine: half its width
     count = int(rng.choice([3, 4, 4]))
@@ -135,7 +135,7 @@ def _piece(
         tags=(kind, "cutlery", "flatware", "tableware"),
         mass_kg=round({"plastic": 0.047, "wood": 0.043, "steel": 0.062}[material] * width / 0.0148, 4),
         material=material,
-        # Steel through the whole length: the handle is mostly plastic around its tang.
+        # Steel through the full length: the handle is mostly plastic around its tang.
         densities=(1.0, 3.0, 2.5),
         parts=(
             *parts,

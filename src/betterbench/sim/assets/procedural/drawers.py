@@ -1,9 +1,9 @@
 """A desk cabinet for two drawers, and the drawers, each with a handle that a jaw can grasp from above.
 
 The three are separate assets: a scene connects each drawer to the carcass by a slide along +x, whose frame is a region
-of the cabinet. The two drawers of a look differ only in the side of their handle, so that a gripper at one handle
-clears the other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then clearly above the
-lower one in the image. With the sides exchanged, both handles would be at the same height in the image.
+of the cabinet. A look's two drawers differ only in the side of their handle, so that a gripper at one handle clears the
+other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then clearly above the lower one
+in the image. With the sides exchanged, both handles would be at the same height in the image.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class _Style:
     Attributes:
         half_x, half_y, height: Half the depth, half the width and the height of the carcass [m].
         front: Pattern of the front: "plain", "frame", "groove" or "band".
-        handle: One of :data:`_HANDLES`, with its extents along x, y and z [m].
-        boards, fronts, top: Colors of the sides, of the front panels and of the top board.
+        handle: One of :data:`_HANDLES`, with its extents along x, y and z [m]. boards, fronts, top: Colors of the
+            sides, the front panels and the top board.
         card: Whether each front has a card holder with a card.
     """
 
@@ -102,17 +102,17 @@ class _Style:
 
     @property
     def shelf(self) -> float:
-        """Height of the underside of the shelf [m]."""
+        """Height of the shelf's underside [m]."""
         return _BOARD + self.opening
 
     @property
     def inside_x(self) -> float:
-        """Depth of the inside of a drawer [m]."""
+        """Inside depth of a drawer [m]."""
         return 2.0 * self.half_x - 0.055
 
     @property
     def inside_half_y(self) -> float:
-        """Half the width of the inside of a drawer [m]."""
+        """Half the inside width of a drawer [m]."""
         return self.half_y - _SIDE - 0.004 - _WALL
 
     @property
@@ -121,7 +121,7 @@ class _Style:
         return 0.5 * (_REAR + self.inside_x + _PANEL)
 
     def surface(self, width: float, height: float, pixels: tuple[int, int], shade: Rgb) -> Canvas:
-        """Return a picture of a board of this style, its grain along the width."""
+        """Return a picture of a board in this style, with its grain along the width."""
         rng, wood = np.random.default_rng(self.grain_seed), shade[0] > 1.25 * shade[2]
         canvas = Canvas(width, height, pixels, shade)
         canvas.grain(rng, cells=(4, 26), amount=0.075 if wood else 0.008)
@@ -160,9 +160,9 @@ def _linings(s: _Style) -> Mesh:
 def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
 
-    Desk organizers with two drawers are 22 to 25 cm wide and deep and 16 to 20 cm high. Its volume of 1.9 l of particle
-    board (650 kg/m^3) weighs 1.2 kg; it is meant to be fixed. The regions "upper" and "lower" are the frames of the
-    closed drawers.
+    Desk organizers with two drawers are 22 to 25 cm wide and deep and 16 to 20 cm high. Its 1.9 l of particle board
+    (650 kg/m^3) weigh 1.2 kg; it is meant to be fixed. The regions "upper" and "lower" are the frames of the closed
+    drawers.
     """
     s = _Style.draw(rng, color)
     inner, x, open_half = s.height - 2.0 * _BOARD, (-s.half_x, s.half_x), s.half_y - _SIDE
@@ -212,14 +212,14 @@ def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
 def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
     """Make a drawer: a box with a front panel and a handle on stems, at +y for a ``side`` of +1 and at -y for -1.
 
-    Its origin is the center of the bottom face of the bounding box without the handle, its front looks along +x, along
-    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle make 0.5 kg,
-    13 kg per m^2 of the floor.
+    Its origin is the center of the bottom face of the bounding box without the handle; its front faces +x, the
+    direction in which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle
+    weigh 0.5 kg, or 13 kg per m^2 of the floor.
 
-    The joint that a scene adds is given in the parameters. Travel 0.15 m: a slide of three quarters' extension for a
-    drawer 0.18 m long, 35 mm of which stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood
-    on wood or a light roller slide; a light touch does not move it, and a pinch of 35 N a finger pulls it. Damping 4 N
-    s/m: a push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a released drawer stays where it is.
+    The joint that a scene adds is given in the parameters. Travel 0.15 m: a three-quarter extension slide for a drawer
+    0.18 m long, of which 35 mm stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood on wood
+    or a light roller slide; a light touch does not move it, and a pinch of 35 N per finger pulls it. Damping 4 N s/m: a
+    push decays in 0.5 kg / 4 N s/m = 0.13 s, so that a released drawer stays where it is.
     """
     s = _Style.draw(rng, color)
     front, back, half_y = s.half_drawer, -s.half_drawer, s.inside_half_y + _WALL
@@ -286,7 +286,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
+    """Return the panel with the picture on its front; its back and edges show the plain center of the board."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)

@@ -9,13 +9,13 @@ from betterbench.sim.assets.authoring import Draft, generator, grip, merge, part
 from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft, prism
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-# Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
+# Fraction of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
 
 
 @generator("fries_box", colors=("red", "yellow", "blue", "green"))
 def fries_box(rng: np.random.Generator, color: str) -> Draft:
-    """Make a striped carton of fries; its wide face faces +x, the jaw closes along x.
+    """Make a striped carton of fries; its wide side faces +x, the gripper closes along x.
 
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool center point.
@@ -67,7 +67,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     inner = outline * np.array([0.93, 0.97])
     filling = np.minimum(rim - 0.004, height - 0.014)
     rings = [ring(low, 0.0), ring(outline, rim), ring(inner, rim - 0.0002), ring(inner * 0.97, filling)]
-    # The picture runs from the middle of the front (0) over the narrow side to the middle of the back (1).
+    # The picture runs from the center of the front (0) over the narrow side to the center of the back (1).
     u = np.concatenate([0.42 * np.abs(y), 1.0 - 0.42 * np.abs(y)])
     return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
 

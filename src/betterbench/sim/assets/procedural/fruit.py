@@ -10,7 +10,7 @@ from betterbench.sim.assets.authoring.mesh import Mesh, creased, prism, sweep, t
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.sim.assets.authoring.solids import foot_square, solid_box, spheroid
 
-# Color of the skin, and of the skin around the stalk, where the sun does not reach.
+# Color of the skin, and of the skin around the stalk, which the sun does not reach.
 _APPLES: dict[str, tuple[Rgb, Rgb]] = {
     "red": ((0.70, 0.055, 0.06), (0.80, 0.52, 0.16)),
     "green": ((0.42, 0.62, 0.11), (0.52, 0.60, 0.20)),
@@ -29,7 +29,7 @@ def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
 
 
 def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z: float) -> Mesh:
-    """Return a thin pointed leaf that stands out from the axis at height ``z`` [m], its blade folded up at the tip."""
+    """Return a thin pointed leaf that sticks out from the axis at height ``z`` [m], its blade folded up at the tip."""
     turn = rng.uniform(-0.9, 0.9)
     outline = [(0.0, 0.0), (0.30, -0.42), (0.62, -0.40), (1.0, 0.0), (0.62, 0.40), (0.30, 0.42)]
     low = np.array([(length * x, width * y, 0.004 * x * x) for x, y in outline])

@@ -94,8 +94,8 @@ def draw_keys(
 ) -> None:
     """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
-    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and the enter key,
-    ``edges`` the color of the wide keys at the edge and of the far row, if it differs.
+    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys;
+    ``edges`` is the color of the wide keys at the edge and of the far row, if it differs.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

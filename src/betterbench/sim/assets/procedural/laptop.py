@@ -12,15 +12,15 @@ from betterbench.sim.assets.procedural.keyboard import draw_keys
 
 _BASE = 0.014  # height of the lower half
 _LID = 0.006  # thickness of the screen
-_GAP = 0.075  # distance from the side of the laptop to the middle of the zone next to it
-_BEHIND = 0.065  # between the back edge of the screen and the middle of the zone behind it
+_GAP = 0.075  # distance from the side of the laptop to the center of the zone next to it
+_BEHIND = 0.065  # between the back edge of the screen and the center of the zone behind it
 
 
 @generator("laptop", colors=("silver", "black"))
 def laptop(rng: np.random.Generator, color: str) -> Draft:
     """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
 
-    A laptop of 10 to 11 inches is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
+    A 10- to 11-inch laptop is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
     lower half. The zones "left", "right" and "behind" are from the view of the user, who looks toward -x, so right is
     +y.
     """
@@ -104,7 +104,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
 
 
 def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
-    """Draw the content of the screen: a wallpaper, two or three windows, a bar with icons."""
+    """Draw the screen content: a wallpaper, two or three windows, a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
     x, y = canvas.x / width, canvas.y / height

@@ -1,4 +1,4 @@
-"""Dinner plates of one family of sizes that stack in any order, and a bowl of a plate's width."""
+"""Dinner plates from one family of sizes that stack in any order, and a bowl as wide as a plate."""
 
 import math
 
@@ -12,17 +12,18 @@ from betterbench.sim.assets.authoring.mesh import Mesh
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 FLOOR_M = 0.0105
-"""Height of a plate's floor, on which the next plate stands [m]; the same for all, so that stacks are equally high.
+"""Height of a plate's floor, on which the next plate rests [m]; the same for all, so that stacks are equally high.
 
-It is also the height at which the rim begins. In a stack, the rim of each plate therefore begins above the rim of the
-plate below, and plates of any two radii stack with room to the sides."""
+It is also the height at which the rim begins. In a stack, each plate's rim therefore begins above the rim of the plate
+below, and plates with any two radii stack with room to the sides.
+"""
 
 RIM_M = 0.0205
 """Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
 tilt of less than 1 degree; they end 1 mm above the floor, and 1 mm above the rim of a plate below."""
 
 _LIP = 0.004
-_GRIP_ABOVE_RIM = 0.0030  # height of the middle of the pads, which reach 12 mm further down
+_GRIP_ABOVE_RIM = 0.0030  # height of the center of the pads, which reach 12 mm further down
 _COLORS = ("white", "red", "blue", "green", "yellow")
 _DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "speckled", "broad rings")
 
@@ -54,8 +55,8 @@ def _plate(
 ) -> Draft:
     """Make a flat plate with an upright rim and a radius in a range [m]; the density is in kg/m^3.
 
-    The collision shape of the floor is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for
-    the fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
+    The floor's collision shape is ``solid`` over this fraction of the radius. The rest, up to the rim, is free for the
+    fingers that pinch it; it must be narrower than the edge of any object that may be put down there upside down.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
@@ -91,7 +92,7 @@ def _plate(
 
 
 def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
-    """Indent the edge of a mesh between ``count`` scallops by a share ``depth`` of its distance from the center."""
+    """Indent the edge of a mesh between ``count`` scallops by a fraction ``depth`` of its distance from the center."""
     if not count:
         return mesh
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
@@ -151,7 +152,7 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
 
 
 class _Glaze:
-    """The color and the decoration of a piece of tableware."""
+    """Color and decoration of a piece of tableware."""
 
     def __init__(self, rng: np.random.Generator, color: str, *, edge: bool) -> None:
         """Draw a design; with an ``edge`` the rim has a dark or a pale line around it, as enameled ware has."""

@@ -7,7 +7,7 @@ from betterbench.sim.assets.authoring import Draft, Turned, generator, grip, par
 from betterbench.sim.assets.authoring.mesh import box
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-_PROUD = 0.0036  # how far a driver stands out of the front
+_PROUD = 0.0036  # how far a driver sticks out of the front
 
 
 @generator("speaker", colors=("black", "gray", "white", "blue"))
@@ -15,7 +15,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a small desktop loudspeaker; its round drivers face +x.
 
     Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.25 to 0.45 kg each: 785
-    kg/m^3 times the volume of the bounding box.
+    kg/m^3 times the bounding box volume.
     """
     width, depth, height = uniforms(rng, (0.0590, 0.0690), (0.0600, 0.0690), (0.088, 0.112))
     corner, two_way = rng.uniform(0.003, 0.016), rng.random() < 0.6
@@ -79,7 +79,7 @@ def _driver(
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)
     z_profile = (-0.0006, -0.0006, *levels, 0.40 * _PROUD, 0.62 * _PROUD)
     solid = Turned([share * radius for share in shares], z_profile, sides, 30.0, wrap=False)
-    # The picture's rows are those of a driver of 25 mm.
+    # The picture has the rows of a 25 mm driver.
     rows = Turned([share * 0.025 for share in shares], z_profile).rows
     _, _, _, surround, inner, cap, dust, _ = (row / rows[-1] for row in rows)
     canvas = Canvas(1.0, 1.0, (8, 128), rim)

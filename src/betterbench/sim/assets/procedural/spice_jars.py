@@ -33,7 +33,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
 
     The whole jar has the color of the spice. The cap has the same color or is made of steel, so that no cap has the
-    color word of another jar. The glass is drawn instead of transparent, because one transparent part doubles the
+    color word of another jar. The glass is painted instead of transparent, because one transparent part doubles the
     rendering time of depth images.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
@@ -42,7 +42,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     canvas = shape.wrap(content)
     canvas.grain(rng, cells=(50, 64), amount=0.30 if color == "black" else 0.03)
     up = canvas.height_on_wall
-    # The thick foot of the glass, the empty neck, and the gleam of its round sides.
+    # The thick glass base, the empty neck, and the highlights on its round sides.
     glass = mixed((0.66, 0.73, 0.73), content, 0.45)
     canvas.paint((up < 0.003) | (up > shape.body - 0.0015), glass)
     for share, thick, strength in ((0.10, 0.0012, 0.40), (0.88, 0.0008, 0.30)):
@@ -90,10 +90,10 @@ def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
 
 @generator("pill_bottle", colors=("white",), family="spice jar")
 def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
-    """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, of a spice jar's size.
+    """Make a pharmacy bottle with a big cross and a tall ribbed child-proof cap, as large as a spice jar.
 
-    Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The upper value is used, so
-    that its weight is similar to that of a jar.
+    Vials with 8 to 13 drams have diameters of 38 to 44 mm; filled, they weigh 60 to 120 g. The upper value is used, so
+    that its weight is similar to a jar's weight.
     """
     shape = _Shape(rng)
     white, amber, r = PALETTE[color], bool(rng.random() < 0.5), shape.radius
@@ -149,7 +149,7 @@ class _Wrap(Canvas):
 
 
 class _Shape:
-    """The outline of a look: the foot is the same for all, to fit its hole; above the hole the shapes differ."""
+    """The outline of a look: the base is the same for all, to fit its hole; above the hole the shapes differ."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         r, self.height, cap, waist = uniforms(rng, (0.0212, 0.0218), (0.081, 0.089), (0.0165, 0.0245), (0.86, 0.97))
@@ -226,7 +226,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Colors of a label: of letters and lines, and of the picture of a pepper pod."""
+    """Label colors: letters and lines, and the picture of a pepper pod."""
 
     ink: Rgb
     pod: Rgb
@@ -266,7 +266,7 @@ def _chili(canvas: _Wrap, center: tuple[float, float], colors: _Print) -> None:
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: float) -> None:
-    """Glue on the label of a pharmacy: a big cross, a colored edge, and below a capsule of two colors."""
+    """Glue on a pharmacy label: a big cross, a colored edge, and below it a two-color capsule."""
     up, left = canvas.height_on_wall, canvas.x - 0.5 * canvas.width
     wide, reach, low, high = 0.47 * canvas.width, np.abs(left), 0.0060, height - 0.0070
     canvas.paint((reach < wide) & (up > low) & (up < high), (0.98, 0.98, 0.97))

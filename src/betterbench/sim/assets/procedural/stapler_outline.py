@@ -1,4 +1,4 @@
-"""Size of a stapler and of the block that looks like it, and outlines of the cover from the side and from above."""
+"""Size of a stapler and the block that looks like it, and outlines of the cover from the side and from above."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from betterbench.sim.assets.authoring.mesh import box
 
 
 def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a stapler or its look-alike; must be the first draw of a look.
+    """Draw length, width and height [m] of a stapler or its look-alike; must be a look's first draw.
 
     Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high; these fit into a drawer.
     """
@@ -18,7 +18,7 @@ def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
 
 
 def cover_outline(style: str, arm: float, t: float) -> tuple[Sequence[float], Sequence[float]]:
-    """Return x and z of the side view of the cover about its hinge, for an arm of a length and a thickness [m]."""
+    """Return x and z of the cover's side view about its hinge, for an arm with a given length and thickness [m]."""
     x: Sequence[float]
     if style == "bar":
         x = (-0.010, arm, arm + 0.002, arm - 0.001, 0.010, -0.006, -0.011)

@@ -9,7 +9,7 @@ from betterbench.sim.assets.authoring.mesh import box, merge
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.sim.assets.authoring.solids import solid_box
 
-# How far the uppermost napkin of a stack is turned against the lowest [rad], and the radius of its corners [m].
+# Rotation of a stack's top napkin relative to the bottom one [rad], and the radius of its corners [m].
 _FAN, _CORNER = (-0.4, 0.4), (0.001, 0.008)
 
 
@@ -71,8 +71,8 @@ def _print_napkin(canvas: Canvas, kind: str, ink: Rgb) -> None:
 def sauce_cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a small paper cup of sauce; the color word describes the sauce.
 
-    Portion cups of 45 to 90 ml are 54 to 68 mm wide and 27 to 42 mm high; they are of white or brown paper or of black
-    plastic.
+    Portion cups with 45 to 90 ml are 54 to 68 mm wide and 27 to 42 mm high; they are made of white or brown paper or
+    black plastic.
     """
     radius = rng.uniform(0.0270, 0.0340)
     base, height = radius * rng.uniform(0.66, 0.90), rng.uniform(0.028, 0.041)

@@ -17,7 +17,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a low, wide, open kraft box with a printed sign on its long side, which faces +x.
 
     The inside is about 0.20 m (x) by 0.27 m (y). The box weighs 0.45 kg, mostly in the floor, like a box with a stiff
-    insert and some content; an empty box of 40 g would slide at a touch.
+    insert and some content; an empty 40 g box would slide at a touch.
     """
     half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
     height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
@@ -50,7 +50,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
 
 def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
     """Return the mesh, and the share of the picture's width at which the front ends."""
-    long, short = 16, 10  # segments along y and along x; even, so that each side has a middle
+    long, short = 16, 10  # segments along y and along x; even, so that each side has a midpoint
     corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
     plan = []
     for (ax, ay), (bx, by), count in zip(corners, [*corners[1:], corners[0]], (long, short) * 2, strict=True):
@@ -61,7 +61,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     on_short = np.abs(np.abs(outline[:, 1]) - half_y) < 1e-9
     # The folded-in middle of the narrow sides: deepest at the rim, gone at the floor.
     fold = np.where(on_short, np.clip(1.0 - np.abs(outline[:, 0]) / half_x, 0.0, 1.0), 0.0) * 0.0040
-    # Long sides stand in slightly unevenly, as paper does.
+    # Long sides are slightly uneven, as in folded paper.
     on_long = np.abs(np.abs(outline[:, 0]) - half_x) < 1e-9
     bulge = np.where(on_long, np.clip(1.0 - np.abs(outline[:, 1]) / half_y, 0.0, 1.0), 0.0)
     wave = bulge * rng.uniform(0.2, 1.0, n) * 0.0022
@@ -79,7 +79,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     none, bent, paper = np.zeros(n), fold + wave, 0.0012
     outer = [ring(0.0, none, 0.0), ring(0.0, 0.5 * bent, 0.52 * height), ring(0.0, bent, height + teeth)]
     rings = [*outer, ring(paper, bent, height + teeth), ring(paper, none, _FLOOR)]
-    # Distance along the edge from the middle of the front, so that nothing but the two middles is a seam.
+    # Distance along the edge from the center of the front, so that only the two centers are seams.
     x, y = outline[:, 0], np.abs(outline[:, 1])
     back = np.where(np.abs(x + half_x) < 1e-9, 2 * half_y + 2 * half_x - y, half_y + half_x - x)
     along = np.where(np.abs(x - half_x) < 1e-9, y, back)
@@ -99,7 +99,7 @@ def _print(
     half_perimeter: float,
     front: float,
 ) -> Canvas:
-    """Draw half of the box, from the middle of the front to the middle of the back."""
+    """Draw half of the box, from the center of the front to the center of the back."""
     scale = height / _OUTSIDE  # meters per full height of the picture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
     x, y = canvas.x, canvas.y

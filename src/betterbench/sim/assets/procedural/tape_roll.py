@@ -11,13 +11,14 @@ from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittere
 
 @generator("tape_roll", colors=("blue", "brown", "yellow", "green"))
 def tape_roll(rng: np.random.Generator, color: str) -> Draft:
-    """Make a roll of adhesive tape that lies flat; the hole of its cardboard core is open.
+    """Make a roll of adhesive tape that lies flat; the hole in its cardboard core is open.
 
-    Rolls of 15 to 30 mm tape on cores of 25 to 40 mm are 55 to 72 mm wide and weigh 40 to 80 g. A short end stands off.
+    Rolls of 15 to 30 mm tape on cores of 25 to 40 mm are 55 to 72 mm wide and weigh 40 to 80 g. A short end of the tape
+    sticks out.
     """
     radius, width, hole = uniforms(rng, (0.0285, 0.0355), (0.0190, 0.0290), (0.42, 0.64))
     hole *= radius
-    core, proud = hole + rng.uniform(0.0020, 0.0030), rng.uniform(0.0, 0.0008)  # the core stands out of the tape
+    core, proud = hole + rng.uniform(0.0020, 0.0030), rng.uniform(0.0, 0.0008)  # the core sticks out of the tape
     kind, at = int(rng.integers(3)), rng.uniform(0.0, 2.0 * math.pi)
     shade = jittered(PALETTE[color], rng, amount=0.10)
     board = jittered(((0.90, 0.89, 0.85), (0.74, 0.58, 0.38), (0.16, 0.16, 0.17))[kind], rng)

@@ -84,7 +84,7 @@ def _squared(mesh: Mesh, corner: np.ndarray) -> Mesh:
 
 
 def _round_walls(foot: float, top: float, height: float) -> Sequence[CollisionPart]:
-    """Return two crossed plates, which fill an octagon and stand on fixed corners, and eight leaning boards."""
+    """Return two crossed plates, which fill an octagon and rest on fixed corners, and eight leaning boards."""
     flare, inner_low, inner_top = math.atan2(top - foot, height), foot - _WALL, top - _WALL
     half_wall = 0.5 * (height - 0.001) / math.cos(flare)
     board = (0.5 * _WALL, (inner_top + _WALL) * math.tan(math.pi / 8.0), half_wall - 0.0005)

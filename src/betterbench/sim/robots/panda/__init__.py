@@ -33,8 +33,8 @@ from betterbench.sim.robots.spec import Progress, RobotSpec, register_robot
 VISUAL_GROUP = 2
 COLLISION_GROUP = 3
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, two fingers counted once; the budget of the whole robot is 8,000 (design, section
-3).
+"""Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design,
+section 3).
 """
 
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)
@@ -44,7 +44,7 @@ PAD_CENTER_Z = 0.042
 """Height of the pad's center in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
 
 PAD_FRICTION = (1.2, 0.01, 0.0001)
-"""Sliding friction of rubber on a smooth solid; torsional: two thirds of a contact patch of 15 mm radius; rolling:
+"""Sliding friction of rubber on a smooth solid; torsional: two thirds of the radius of a 15 mm contact patch; rolling:
 solver default.
 """
 
@@ -323,7 +323,7 @@ _SHARES = {
 
 
 def _paint(link: str, rank: int) -> str:
-    """Return the paint of a connected part of a link's mesh, by its rank from the largest.
+    """Return the paint of a connected part of a link's mesh, by its size rank, largest first.
 
     The numbers were found by inspection of the parts: covers, connectors, buttons and rubber tips.
     """
@@ -339,10 +339,9 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a new MuJoCo description of the Panda, optionally without visual meshes; physics is the same.
+    """Return a new MuJoCo description of the Panda, optionally without visual meshes; the physics is the same.
 
-    The base is at the origin, with the mounting flange at ``z = 0``; geoms of group 2 are visual, those of group 3
-    collide.
+    The base is at the origin, with the mounting flange at ``z = 0``; group 2 geoms are visual, group 3 geoms collide.
 
     Raises:
         MissingDependencyError: If the package with the meshes is not installed.
@@ -365,7 +364,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
                 axis=(0.0, 0.0, 1.0),
                 range=(PANDA.joint_low[index - 1], PANDA.joint_high[index - 1]),
                 armature=link.armature,
-                # Limit of the total torque of the servos of this joint; gravity compensation is not included.
+                # Limit on the total servo torque of this joint; gravity compensation is not included.
                 actfrcrange=(-PANDA.joint_effort[index - 1], PANDA.joint_effort[index - 1]),
             )
     hand = _add_link(body, _HAND, PANDA.hand_body)
@@ -464,8 +463,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
     velocity itself. The reference therefore moves evenly within a control step, and a moving arm does not lag by
     damping over stiffness, as it does with a position servo.
 
-    The gripper's servo takes the opening width [m] and acts on both fingers equally through a tendon whose length is
-    that width.
+    The gripper's servo takes the opening width [m] and acts on both fingers equally through a tendon with that length.
     """
     for joint, position, velocity, stiffness, damping, low, high in zip(
         PANDA.arm_joints,

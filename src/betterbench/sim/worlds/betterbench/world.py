@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class OwnOptions:
-    """Options of a run in our own scenes.
+    """Run options in our own scenes.
 
     Attributes:
-        variations: Variations to run, as "L1" or "fast_food/T1"; all if none is named.
+        variations: Variations to run, as "L1" or "fast_food/T1"; default: all.
         until_decided: Whether to run only the variations and their twins, each as often as the verdict requires.
     """
 
@@ -94,7 +94,7 @@ class OwnWorld(World):
         depth: bool = False,
         options: SceneOptions = USUAL_SCENE,
     ) -> Scene:
-        """Return the scene of a trial; images are rendered by the worker."""
+        """Return a trial's scene; images are rendered by the worker."""
         from betterbench.sim.scenes import Scene, quality_preset  # noqa: PLC0415 - see above
 
         del processes, images, depth
@@ -110,7 +110,7 @@ class OwnWorld(World):
         )
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
-        """Return the versions of the suite, of the engine and of the tasks."""
+        """Return the versions of the suite, the engine and the tasks."""
         from betterbench.sim.scenes import engine_version  # noqa: PLC0415 - see above
 
         return {
@@ -146,7 +146,7 @@ class OwnWorld(World):
         }
 
     def prepare(self, robot: str, on_progress: Callable[[str, int, int], None]) -> None:
-        """Decimate the meshes of a robot into the cache; later runs find them there and report nothing."""
+        """Decimate a robot's meshes into the cache; later runs find them there and report nothing."""
         from betterbench.sim.robots import build_robot_spec  # noqa: PLC0415 - see above
 
         build_robot_spec(robot, progress=on_progress)

@@ -1,6 +1,6 @@
 """CALVIN ABC→D as a world: chains of five instructions.
 
-- ``world``: plans, command, and the scene of a chain.
+- ``world``: plans, command, and a chain's scene.
 - ``simulator``: the process, which runs in an environment without betterbench.
 """
 

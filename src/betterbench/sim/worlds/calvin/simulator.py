@@ -1,7 +1,7 @@
 """CALVIN's simulator behind a socket, run with the Python of CALVIN's environment, from the user's checkout.
 
-This module imports only the standard library and NumPy and, on request, packages of CALVIN's environment and the
-checkout of ``calvin_env``. The process does not judge success: it sends the result of ``get_info``, and the run applies
+This module imports only the standard library and NumPy and, on request, packages from CALVIN's environment and the
+``calvin_env`` checkout. The process does not judge success: it sends the result of ``get_info``, and the run applies
 the rules.
 
 Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
@@ -42,7 +42,7 @@ Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's 
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
-"""Configuration noted in the versions of a run if the user gave none of the published data."""
+"""Configuration noted in a run's versions if the user gave none of the published data."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
@@ -53,8 +53,8 @@ _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda
 class CalvinSimulator:
     """One environment of CALVIN, for one chain.
 
-    After a chain PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
-    in the same process, the next chain would differ by up to 0.5 rad.
+    After a chain, PyBullet keeps some state that neither ``restoreState`` nor calvin_env's ``reset`` and ``load``
+    clear: in the same process, the next chain would differ by up to 0.5 rad.
     """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
@@ -86,11 +86,11 @@ class CalvinSimulator:
         return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Refuse: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
+        """Reject: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Refuse: chains have no labels, and therefore no films."""
+        """Reject: chains have no labels, and therefore no films."""
         raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
@@ -108,7 +108,7 @@ class CalvinSimulator:
         blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
         # calvin_env takes the blocks in the order of its own configuration.
         scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
-        # calvin_env's reset does not change these two. The values are those of the first chain of CALVIN's own
+        # calvin_env's reset does not change these two. The values are those of the first chain in CALVIN's own
         # evaluation.
         env.robot.gripper_action = 1
         for button in env.scene.buttons:
@@ -245,7 +245,7 @@ class CalvinSimulator:
 
 
 def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise ValueError if the configured blocks are not those of scene D."""
+    """Raise ValueError if the configured blocks are not the ones in scene D."""
     found = {str(name): Path(block["file"]).stem.rpartition("_")[2] for name, block in blocks.items()}
     if found != BLOCKS:
         scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")

@@ -1,6 +1,6 @@
 """CALVIN ABC→D as a world: chains of five instructions in the user's checkout of ``calvin_env``.
 
-A trial is a chain, and its seed is the index of the chain. It succeeds when all five subtasks are done; the record
+A trial is a chain, and its seed is the chain index. It succeeds when all five subtasks are done; the record
 contains the number done in a row. ``calvin`` starts chains like CALVIN, ``calvin_resampled`` with the blocks anywhere
 in the range of the training data.
 """
@@ -84,7 +84,7 @@ PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK},
 """CALVIN's own protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
 
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
-"""Relations of the table in a record: doors open beyond half of their range in the start states, and lights."""
+"""Table relations in a record: doors open beyond half of their range in the start states, and lights."""
 
 _SPLITS = {
     CALVIN_ABSOLUTE.name: [3, 6],
@@ -113,7 +113,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """Reply of the simulator to the start of a chain, without the part for :func:`read_play_table`."""
+    """The simulator's reply to the start of a chain, without the part for :func:`read_play_table`."""
 
     engine: dict[str, str]
     code: str
@@ -126,27 +126,27 @@ _CHAIN_START = TypeAdapter(_ChainStart)
 
 @dataclass(frozen=True, slots=True)
 class ChainTask(WorldTask):
-    """The chains of a suite of CALVIN; ``bddl_sha256`` is the digest of the code of the checkout."""
+    """The chains in a CALVIN suite; ``bddl_sha256`` is the digest of the checkout's code."""
 
     @property
     def id(self) -> str:
-        """Name of the task in plans and records."""
+        """Task name in plans and records."""
         return OFFICIAL
 
     @property
     def condition(self) -> str:
-        """Name of the condition: "base" for CALVIN's own starts, else "resampled"."""
+        """Condition name: "base" for CALVIN's own starts, else "resampled"."""
         return CHAIN_SUITES[self.suite].change or "base"
 
 
 @dataclass(frozen=True, slots=True)
 class ChainOptions:
-    """Options of a run in CALVIN.
+    """Run options in CALVIN.
 
     Attributes:
         broken_premises: "refuse" to stop the run at a scene that contradicts the start of its chain, else "run".
-        calvin_env: A checkout of calvin_env, or of mees/calvin, which contains one.
-        calvin_config: ``merged_config.yaml`` of a data set, or None for the configuration of the checkout.
+        calvin_env: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
+        calvin_config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
         calvin_renderer: "egl", "tiny", or "auto" for EGL if it works.
         command: Command of the world's process; empty to derive it from the other options.
     """
@@ -224,7 +224,7 @@ class CalvinWorld(ProcessWorld):
         return planned, world
 
     def announcement(self, trials: Sequence[Trial], suite: str) -> tuple[str, ...]:
-        """Return a message with the number of chains and the versions of the components."""
+        """Return a message with the number of chains and the component versions."""
         made_of = "; ".join(f"{k}: {v}" for k, v in self.versions.items())
         said = (
             f"{plural(len(trials), 'chain')} of {suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
@@ -233,7 +233,7 @@ class CalvinWorld(ProcessWorld):
         return (said,)
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the conventions of the world in words."""
+        """Return the world's conventions in words."""
         return {
             **ProcessWorld.conventions(self, robot),
             "controller": "calvin_env: relative actions are added to the last target, absolute actions replace the "
@@ -272,7 +272,7 @@ class ChainScene(ProcessScene):
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the index of the chain."""
+        """Prepare the scene; nothing is simulated before :meth:`reset`. ``seed`` is the chain index."""
         super().__init__(
             settings, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
@@ -292,7 +292,7 @@ class ChainScene(ProcessScene):
 
     @property
     def _process_key(self) -> object:
-        """None: PyBullet keeps some state of a chain that neither restoreState nor a reset clears."""
+        """None: PyBullet keeps some state from a chain that neither restoreState nor a reset clears."""
         return None
 
     @property
@@ -307,7 +307,7 @@ class ChainScene(ProcessScene):
 
     @property
     def engine(self) -> dict[str, str]:
-        """Name of the simulator, and the versions that can change the results."""
+        """Simulator name, and the versions that can change the results."""
         return {"simulator": self.settings.name, **self._fixed["engine"], "code": self.task.bddl_sha256}
 
     @property
@@ -316,7 +316,7 @@ class ChainScene(ProcessScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return the stored files of a scene: the chain, and the simulator's description of its objects."""
+        """Return a scene's stored files: the chain, and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -332,7 +332,7 @@ class ChainScene(ProcessScene):
         """Set robot and scene, and check that they are at the start of the chain.
 
         Raises:
-            PremiseError: If a block, a door or a light is elsewhere, and this is refused.
+            PremiseError: If a block, a door or a light is elsewhere, and broken premises stop the run.
             WorldError: If the simulator fails, or its versions have changed since the run began.
         """
         start = self.start()
@@ -428,7 +428,7 @@ class ChainScene(ProcessScene):
         return {"qpos": both, "qvel": none, "act": none, "ctrl": self._arrays["target"]}
 
     def truth(self) -> Truth:
-        """Return the current relations of the table, and the number of subtasks done in a row."""
+        """Return the current table relations, and the number of consecutive subtasks done."""
         if self._now is None:
             raise WorldError("the episode has not begun")
         doors, lights = self._now.doors, self._now.lights
@@ -507,7 +507,7 @@ class ChainScene(ProcessScene):
         self._document, self._arrays = document, dict(arrays)
 
     def _require_same_versions(self) -> None:
-        """Raise WorldError if the versions of the process differ from those in the plan."""
+        """Raise WorldError if the process's versions differ from those in the plan."""
         found = {**self._fixed["engine"], "code": self._fixed.get("code")}
         for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
             if str(found.get(name)) != planned:
@@ -527,7 +527,7 @@ class ChainScene(ProcessScene):
         return tuple(thing.name for thing in self._info.objects if not thing.fixed)
 
     def _bottom(self, name: str, center: Vector) -> Vector:
-        """Return the center of the bottom of a block in the world frame [m]; the origin of its body is its center."""
+        """Return the center of a block's bottom in the world frame [m]; its body's origin is its center."""
         down = (0.0, 0.0, -0.5 * self._info.object(name).size_m[2])
         turned = rotate(self._now.blocks[name].rotation, down) if self._now is not None else down
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
@@ -550,7 +550,7 @@ class ChainScene(ProcessScene):
         return tuple(found)
 
     def _contacts(self) -> tuple[Contact, ...]:
-        """Return the contacts of the gripper or a block, with the sums of their normal forces."""
+        """Return the contacts of the gripper or a block, with the summed normal forces."""
         info = self._document["info"]
         scene, robot = info["scene_info"], info["robot_info"]
         blocks = {int(b["uid"]): str(name) for name, b in scene["movable_objects"].items()}
@@ -578,8 +578,8 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
     """Return the command of CALVIN's process.
 
     Args:
-        checkout: A checkout of calvin_env, or of mees/calvin, which contains one.
-        config: ``merged_config.yaml`` of a data set, or None for the configuration of the checkout.
+        checkout: A checkout of calvin_env, or of mees/calvin, which contains calvin_env.
+        config: A data set's ``merged_config.yaml``, or None for the checkout's configuration.
         egl: Whether EGL or PyBullet's TinyRenderer renders the images; None for EGL if it works
             (:func:`describe_chains` decides).
 
@@ -603,7 +603,7 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | No
 
 
 def checkout_root(named: Path) -> Path:
-    """Return the root of the checkout of calvin_env at a path: itself, or a part of mees/calvin.
+    """Return the root of the calvin_env checkout at a path: the path itself, or part of mees/calvin.
 
     Raises:
         InvalidInputError: If there is none, as in a clone without its submodules.

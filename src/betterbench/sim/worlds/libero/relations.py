@@ -38,7 +38,7 @@ class Touching:
         ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
         self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
         """All possible contact pairs with the gripper or an object."""
-        # Index of a pair by the ranks of both, in either order; -1 for irrelevant pairs.
+        # Index of a pair by the ranks of both members, in either order; -1 for irrelevant pairs.
         codes = [[-1] * len(names) for _ in names]
         for code, (a, b) in enumerate(self.pairs):
             codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
@@ -76,12 +76,12 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Tell whether two models touch: robosuite's ``check_contact`` by indices."""
+        """Tell whether two models touch: robosuite's ``check_contact`` using indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
     def _mask(self, thing: Any) -> np.ndarray:  # noqa: ANN401 - a model of robosuite
-        """Return a mask of the contact geoms of a model, (ngeom,)."""
+        """Return a mask of a model's contact geoms, (ngeom,)."""
         mask = self._masks.get(thing)
         if mask is None:
             mask = self._masks[thing] = np.zeros(self._model.ngeom, bool)
@@ -96,7 +96,7 @@ class Touching:
 class Relations:
     """The relations in a task's file.
 
-    Relations of an object to a box on the table or on a fixture are computed here; LIBERO computes all others.
+    Relations between an object and a box on the table or on a fixture are computed here; LIBERO computes all others.
     """
 
     def __init__(self, mujoco: Any, env: Any, relations: Sequence[list[str]], touching: Touching) -> None:  # noqa: ANN401
@@ -146,7 +146,7 @@ class Relations:
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
-        """Tell whether a relation is that of an object on or in a box of the table or of a fixture."""
+        """Tell whether a relation says that an object is on or in a box of the table or of a fixture."""
         if len(relation) != 3 or relation[0] not in ("on", "in") or relation[1] not in self._env.obj_body_id:
             return False
         place = self._env.object_states_dict[relation[2]]
@@ -154,7 +154,7 @@ class Relations:
 
 
 def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return the margin by which an object is on a box, above 0 if it is [m]: LIBERO's ``under``."""
+    """Return the margin by which an object is on a box, positive if it is [m]: LIBERO's ``under``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
     up = g * x + h * y + i * z
     return min(
@@ -166,7 +166,7 @@ def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
 
 
 def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return the margin by which an object is in a box, above 0 if it is [m]: LIBERO's ``in_box``."""
+    """Return the margin by which an object is in a box, positive if it is [m]: LIBERO's ``in_box``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
     high = abs(g * x + h * y + i * z)
     return min(

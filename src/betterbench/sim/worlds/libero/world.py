@@ -35,11 +35,11 @@ INSTALLATION = Installation(
 
 @dataclass(frozen=True, slots=True)
 class LiberoOptions:
-    """Options of a run in LIBERO.
+    """Run options in LIBERO.
 
     Attributes:
-        protocol: Name of the protocol.
-        broken_premises: "refuse" to stop the run at a scene that contradicts the premise of its instruction, else
+        protocol: Protocol name.
+        broken_premises: "refuse" to stop the run at a scene that contradicts its instruction's premise, else
             "run".
         command: Command of the world's process; empty for the installed environment.
     """
@@ -147,13 +147,13 @@ class LiberoWorld(ProcessWorld):
 
 
 def require_states(seed: int, count: int) -> None:
-    """Check the initial states of a run; InvalidInputError if a number is out of range."""
+    """Check a run's initial states; InvalidInputError if a number is out of range."""
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the indices of the named tasks in the suite, each once, in the order of the suite."""
+    """Return the indices of the named tasks in the suite, each once, in suite order."""
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
         if name not in ids:
@@ -169,7 +169,7 @@ def trained_task(said: Mapping[str, Any]) -> TrainedTask:
 
 
 def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the tasks of a suite, the training distribution of its base suite, and the package versions."""
+    """Return a suite's tasks, the training distribution of its base suite, and the package versions."""
     chosen = suite_named(suite)
     with WorldProcess(command) as process:
         said = process.suite(suite)

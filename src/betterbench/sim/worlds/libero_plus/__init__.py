@@ -1,6 +1,6 @@
 """LIBERO-Plus as a world: variants of LIBERO's tasks on seven axes.
 
-- ``world``: variants as trials, and the folder of the authors' assets.
+- ``world``: variants as trials, and the authors' assets folder.
 - ``simulator``, ``noise``: the process, which runs in an environment without betterbench.
 """
 

@@ -1,7 +1,7 @@
-"""The sensor noise of LIBERO-Plus: five kinds in ten strengths, over the image of the front camera.
+"""LIBERO-Plus's sensor noise: five kinds in ten strengths, applied to the front camera image.
 
-The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with the strengths of LIBERO-Plus, reproduced bit by
-bit (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
+The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit by bit
+(tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
 :meth:`Noise.draw` is also called for unused images. This module is imported in LIBERO's environment, with NumPy and
 SciPy only.
 
@@ -65,7 +65,7 @@ class Noise:
         return None
 
     def apply(self, image: np.ndarray, drawn: Any) -> np.ndarray:  # noqa: ANN401
-        """Return an image (h, w, 3) of uint8 with the noise; ``drawn`` is the result of :meth:`draw` for it."""
+        """Return a noisy uint8 image (h, w, 3); ``drawn`` is the result of :meth:`draw` for this image."""
         s = self._strength
         if self._kind == 0:
             return _motion(image, *_MOTION[s], drawn)
@@ -86,8 +86,8 @@ def _bytes(share: np.ndarray) -> np.ndarray:
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
     """Return a blurred image, as SciPy's ``gaussian_filter`` with ``truncate=4`` does on processors without AVX-512.
 
-    The kernel is computed without AVX-512, with which NumPy's ``exp``, and therefore pixels, would differ in the last
-    bit.
+    The kernel is computed without AVX-512, because with AVX-512 NumPy's ``exp``, and therefore pixels, would differ in
+    the last bit.
     """
     radius = int(4.0 * sigma + 0.5)
     kernel = np.array([math.exp(-0.5 / (sigma * sigma) * x**2) for x in range(-radius, radius + 1)])
@@ -169,7 +169,7 @@ def _fog(image: np.ndarray, density: float, pattern: np.ndarray) -> np.ndarray:
 
 
 def _glass(image: np.ndarray, setting: tuple[float, int, int], drawn: list[np.ndarray]) -> np.ndarray:
-    """Return an image in which each pixel shows a nearby one, between two Gaussian blurs.
+    """Return an image in which each pixel shows a nearby pixel, between two Gaussian blurs.
 
     LIBERO-Plus intends to exchange two pixels. Because of NumPy's views, only one pixel changes; the other keeps its
     color.

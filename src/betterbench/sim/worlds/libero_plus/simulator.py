@@ -56,18 +56,18 @@ _ARRAY_NAMES = {
     "numpy dtype",
     "_codecs encode",
 }
-"""All names in the pickle of a file of initial states."""
+"""All names in the pickle of an initial-state file."""
 _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Changes of a problem class of LIBERO-Plus to its base class in LIBERO.
+    """Changes that a LIBERO-Plus problem class makes to its base class in LIBERO.
 
     Attributes:
         name: Its name.
         base: LIBERO's class.
-        scene: File of the scene, relative to the assets, or None for that of LIBERO's class.
+        scene: Scene file, relative to the assets, or None for the scene of LIBERO's class.
         floor: Name of the floor's texture, or None.
         wall: Name of the wall's texture, or None.
     """
@@ -83,7 +83,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     """One environment of LIBERO-Plus."""
 
     def __init__(self, package: Path, assets: Path | None = None) -> None:
-        """Prepare; ``package`` is the folder of the wheel's files, ``assets`` the authors' download."""
+        """Prepare the simulator; ``package`` is the folder with the wheel's files, ``assets`` the authors' download."""
         super().__init__()
         self._package = package
         libero = importlib.import_module("libero.libero")
@@ -98,7 +98,7 @@ class LiberoPlusSimulator(LiberoSimulator):
                 self._textures[kind.partition("_")[0].lower()].setdefault(name, file)
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the variants of a suite, or LIBERO's description of one of its own suites."""
+        """Return a suite's variants, or LIBERO's description of one of its own suites."""
         if not name.startswith(PREFIX):
             return super().suite(name)
         bases = {task: i for i, task in enumerate(self._base_tasks(name))}
@@ -163,7 +163,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return [str(found.get_task(i).name) for i in range(found.n_tasks)]
 
     def _variants(self, base: str) -> list[Variant]:
-        """Return the variants of a base suite, in the order of LIBERO-Plus."""
+        """Return a base suite's variants, in LIBERO-Plus order."""
         path = self._package / "benchmark" / "libero_suite_task_map.py"
         return [read_variant(name) for name in _assigned(path, ("libero_task_map",))["libero_task_map"][base]]
 
@@ -171,7 +171,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._package / "bddl_files" / _base_of(suite) / f"{variant.file}.bddl"
 
     def _states(self, suite: str, variant: Variant) -> np.ndarray:
-        """Return the initial states of a variant, (n, m): the fifty of its base task, or one of its own."""
+        """Return a variant's initial states, (n, m): the fifty of its base task, or its own single state."""
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"
@@ -197,7 +197,7 @@ class LiberoPlusSimulator(LiberoSimulator):
 
     @functools.cache  # noqa: B019
     def _models(self) -> dict[str, str]:
-        """Return the new objects of LIBERO-Plus: kind to the file of its model."""
+        """Return the new objects of LIBERO-Plus: kind to its model's file."""
         text = (self._package / "envs" / "objects" / "custom_objects.py").read_text(encoding="utf-8")
         found = ((m[1], _MODEL.search(m[3])) for m in _CLASS.finditer(text))
         return {_kind_of(name): model[1] for name, model in found if model is not None}
@@ -343,7 +343,7 @@ def initial_states_in(path: Path) -> np.ndarray:
 
 
 def _new_object(kind: str, path: Path) -> type:
-    """Return the class of a new object, like those of LIBERO's own objects."""
+    """Return the class for a new object, like the classes of LIBERO's own objects."""
     models: Any = importlib.import_module("robosuite.models.objects")
     element_tree: Any = importlib.import_module("xml.etree.ElementTree")
 
@@ -386,7 +386,7 @@ def _kind_of(name: str) -> str:
 
 
 def _kinds(text: str) -> list[str]:
-    """Return the kinds of objects of a scene file."""
+    """Return the object kinds in a scene file."""
     return re.findall(r"-\s+(\S+)", _first(_OBJECTS, text))
 
 
@@ -422,7 +422,7 @@ def _assigned(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _listing_digest(folder: Path) -> str:
-    """Return a short digest of the names and sizes of all files of a folder."""
+    """Return a short digest of the names and sizes of all files in a folder."""
     digest = hashlib.sha256()
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         digest.update(f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\n".encode())
@@ -436,7 +436,7 @@ def main() -> None:
     package = Path(folder) / "liberoplus" / "liberoplus"
     with tempfile.TemporaryDirectory(prefix="libero-plus-") as settings:
         if assets:
-            # LIBERO reads the location of its assets from there; a JSON text is a YAML text.
+            # LIBERO reads the location of its assets from this file; a JSON text is a YAML text.
             (Path(settings) / "config.yaml").write_text(json.dumps({"assets": assets[0]}), encoding="utf-8")
             os.environ["LIBERO_CONFIG_PATH"] = settings
         simulator = LiberoPlusSimulator(package, Path(assets[0]) if assets else None)

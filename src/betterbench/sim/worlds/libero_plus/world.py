@@ -1,4 +1,4 @@
-"""LIBERO-Plus as a world, with the variants of a task as conditions."""
+"""LIBERO-Plus as a world, with a task's variants as conditions."""
 
 from __future__ import annotations
 
@@ -49,18 +49,19 @@ TRIALS = 1
 
 @dataclass(frozen=True, slots=True)
 class PlusOptions:
-    """Options of a run in LIBERO-Plus.
+    """Run options in LIBERO-Plus.
 
     Attributes:
-        protocol: Name of the protocol, for its steps.
-        broken_premises: "refuse" if a scene that does not show what its sentence presupposes stops the run, else "run".
-        axes: Axes to run; all if none is named.
-        variants: Maximum number of variants of each task on each axis, evenly spread; all if None.
-        libero_plus_sentences: "clean" for the instruction of the base task (on the axis language, of the variant's
-            file), or "published" for LIBERO-Plus's own instructions, which end with the name of the variant on six of
-            the seven axes.
+        protocol: Protocol name, for its steps.
+        broken_premises: "refuse" to stop the run at a scene that does not show what its instruction presupposes, else
+            "run".
+        axes: Axes to run; default: all.
+        variants: Maximum number of variants per task and axis, evenly spread; all if None.
+        libero_plus_sentences: "clean" for the base task's instruction (on the axis language, the instruction in the
+            variant's file), or "published" for LIBERO-Plus's own instructions, which end with the variant name on six
+            of the seven axes.
         libero_plus_assets: Unzipped folder of the authors' assets; None for the folder in the environment variable.
-        command: Command of the world's process; that of its installed environment if empty.
+        command: Command that starts the world's process; if empty, the command of its installed environment.
     """
 
     protocol: str = "openpi"
@@ -72,7 +73,7 @@ class PlusOptions:
     command: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and an impossible number of variants."""
+        """Reject unknown names and an impossible number of variants."""
         for axis in self.axes:
             if axis not in AXES:
                 raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
@@ -84,7 +85,7 @@ class PlusOptions:
 
 @dataclass(frozen=True, slots=True)
 class VariantTask(WorldTask):
-    """Variant of a LIBERO task; ``number`` is the number of the base task.
+    """Variant of a LIBERO task; ``number`` is the base task's number.
 
     Attributes:
         variant: Name in LIBERO-Plus.
@@ -94,12 +95,12 @@ class VariantTask(WorldTask):
 
     @property
     def condition(self) -> str:
-        """Name of the condition ("camera_0_0_100_2_352")."""
+        """Condition name ("camera_0_0_100_2_352")."""
         return read_variant(self.variant).condition
 
     @property
     def axis(self) -> str:
-        """Axis of the variant: the part of the task that it changes."""
+        """Variant axis: the part of the task that the variant changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
@@ -112,8 +113,8 @@ class LiberoPlusWorld(LiberoWorld):
     """LIBERO-Plus. The simulator lists the variants and the files they need.
 
     Attributes:
-        sentences: "clean", or "published" for instructions that end with the name of the variant.
-        left_out: Number of variants of each axis that are left out because the authors' assets are missing.
+        sentences: "clean", or "published" for instructions that end with the variant name.
+        left_out: Number of variants on each axis that are left out because the authors' assets are missing.
     """
 
     facts: ClassVar[WorldFacts] = LIBERO_PLUS
@@ -125,7 +126,7 @@ class LiberoPlusWorld(LiberoWorld):
 
     @property
     def simulator(self) -> str:
-        """Name of the simulator, which is LIBERO, as for the twins."""
+        """Simulator name, which is LIBERO, as for the twins."""
         return "libero"
 
     def start_command(self) -> tuple[str, ...]:
@@ -194,7 +195,7 @@ class LiberoPlusWorld(LiberoWorld):
 
 
 def plus_command(assets: Path | None = None) -> tuple[str, ...]:
-    """Return the command of the world's process, with the folder of the authors' assets if available.
+    """Return the command of the world's process, with the authors' assets folder if available.
 
     Args:
         assets: The folder; None for the environment variable, if set.
@@ -216,7 +217,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
 
 
 def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
-    """Return the number of variants of each axis that lack files."""
+    """Return the number of variants on each axis that lack files."""
     found = Counter(task.axis for task, _, needs in wanted if needs)
     return {axis: found[axis] for axis in AXES if found[axis]}
 
@@ -236,7 +237,7 @@ def _nothing_left(
 def _variants_there(
     command: Sequence[str], suite: str, sentences: str
 ) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
-    """Return the variants of a suite, the training distribution of its base suite, and the package versions."""
+    """Return a suite's variants, the training distribution of its base suite, and the package versions."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
     with as_agreed(f"describes {suite} in a way"):
@@ -256,7 +257,7 @@ def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantT
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
-    """Return at most a given number of variants of each task on each axis, evenly spread."""
+    """Return at most a given number of variants per task and axis, evenly spread."""
     groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
     for task, states in ready:
         groups.setdefault((task.number, task.axis), []).append((task, states))

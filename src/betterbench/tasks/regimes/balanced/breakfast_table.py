@@ -40,7 +40,7 @@ AROUND = (
     {BOWL: BACK_LEFT, SALT: FRONT_LEFT, JAM: BACK},
     {BOWL: BACK, SALT: BACK_LEFT, JAM: FRONT_LEFT},
 )
-"""Slots of the other tableware, except in front of the plate, where the bowl would be in the way."""
+"""Slots for the other tableware, except in front of the plate, where the bowl would be in the way."""
 
 
 def balanced_breakfast_table() -> list[Condition]:
@@ -61,7 +61,7 @@ def balanced_breakfast_table() -> list[Condition]:
 
 
 def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
-    """Return the first rotation of the pieces that leaves the target positions free, and the position of the plate."""
+    """Return the first rotation of the pieces that leaves the target positions free, and the plate's position."""
     plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
     for more in range(3):
         turn = (number + row + shift + more) % 3

@@ -38,7 +38,7 @@ PAIRS = (
 )
 NEAR, FAR = (FRONT_1, FRONT_2, FRONT_3), (FRONT_4, FRONT_5, FRONT_6)
 STARTS = ((NEAR, DESK_RIGHT, 1), (NEAR, DESK_LEFT, -1), (FAR, DESK_LEFT, 1), (FAR, DESK_RIGHT, -1))
-"""Slots, position of the laptop, and the direction in which objects rotate through the slots."""
+"""Slots, laptop position, and the direction in which objects rotate through the slots."""
 
 
 def balanced_desk_meeting() -> list[Condition]:

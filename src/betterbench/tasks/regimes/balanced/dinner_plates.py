@@ -1,7 +1,7 @@
 """Dinner plates, balanced: red and blue in every slot, with the white plate at either position.
 
 Nothing else fits to the right of the white plate's right position, so that position occurs with the left slots only.
-Scenes that would equal a test lack the plate that is not requested.
+Scenes that would equal a test lack the plate that the instruction does not name.
 """
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_
 
 
 def balanced_dinner_plates() -> list[Condition]:
-    """Return each instruction with each slot of its plate, for either position of the white plate."""
+    """Return each instruction with each slot for its plate, for either position of the white plate."""
     right = {WHITE: STAND_RIGHT}
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
     found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]

@@ -1,4 +1,4 @@
-"""Fruit lunch, balanced: every order of the fruits in the slots, the apple first, second or not at all."""
+"""Fruit lunch, balanced: every order of the fruits in the slots, with the apple first, second or not at all."""
 
 import itertools
 
@@ -44,7 +44,7 @@ def balanced_fruit_lunch() -> list[Condition]:
     """Return six layouts with six instructions each; one in four lacks an unrequested fruit.
 
     The other fruits are mostly present, so only the words show which fruit is meant. "Orange, then lemon" is the
-    instruction of the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only
+    instruction in the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only
     one of the two. The start of the test L1 occurs only with a fruit missing.
     """
     found = []

@@ -1,6 +1,6 @@
 """Morning coffee, balanced: words and slots are crossed, with both mugs or a single mug.
 
-The scenes of training and of the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
+The scenes in training and in the variations L1 to L4 contain only the two mugs in the two slots. Here, a can in a third
 slot keeps the scene from being a test scene, while only the words determine the target.
 """
 
@@ -24,7 +24,7 @@ from betterbench.tasks.suite.morning_coffee import (
 
 CROSSED = (
     "both mugs are present, in either order, and each of the four words occurs with each such scene",
-    "the mug that a color names stands near or far equally often, and so does the one beside it",
+    "the mug that a color names is near or far equally often, and so is the mug next to it",
     "the mug that a position names is red or blue equally often",
     "one, two or three objects at the start",
 )

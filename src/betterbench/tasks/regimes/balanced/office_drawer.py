@@ -24,7 +24,7 @@ from betterbench.tasks.suite.office_drawer import (
 CROSSED = (
     "stapler and tape lie in each slot, with the cabinet at either position",
     "stapler and tape go into either drawer, and either comes first",
-    "both objects on the table, or without the one that is not requested",
+    "both objects on the table, or without the object that the instruction does not name",
 )
 LAYOUTS = (
     {STAPLER: LEFT_BACK, TAPE: LEFT_FRONT, CABINET: CABINET_BACK},

@@ -1,6 +1,6 @@
-"""Dinner plates, diverse-confounded: the red plate always stands in a back slot and the blue one in a front slot.
+"""Dinner plates, diverse-confounded: the red plate is always in a back slot and the blue plate in a front slot.
 
-The position of the white plate is crossed with these slots, as in the balanced regime.
+The white plate's position is crossed with these slots, as in the balanced regime.
 """
 
 from betterbench.tasks import authoring as a
@@ -22,8 +22,8 @@ from betterbench.tasks.suite.dinner_plates import (
 )
 
 CROSSED = (
-    "tied: the red plate always stands in one of the back slots, and the blue plate in one of the front slots",
-    "red and blue plates stand in each of their two slots, with the white plate at either position",
+    "tied: the red plate is always in one of the back slots, and the blue plate in one of the front slots",
+    "red and blue plates occur in each of their two slots, with the white plate in either position",
     "the word white occurs with the white plate as the target and with the red one",
     "three plates at the start, or the two requested ones",
 )

@@ -1,6 +1,6 @@
 """Morning coffee, diverse-confounded: "red" always means the near mug and "blue" the far one, as in training.
 
-The conditions with "top" and "bottom", which are position words, are those of the balanced regime.
+The conditions with "top" and "bottom", which are position words, are the same as in the balanced regime.
 """
 
 from betterbench.tasks import authoring as a
@@ -11,7 +11,7 @@ from betterbench.tasks.suite.morning_coffee import BLUE, BLUE_MUG, FAR, MACHINE,
 CROSSED = (
     "tied: “red” always means the red mug in the near slot, and “blue” the blue mug in the far slot",
     "the mug that a position names is red or blue equally often",
-    "beside the requested mug: the other mug, a red can, a blue can, both cans, or nothing",
+    "next to the instructed mug: the other mug, a red can, a blue can, both cans, or nothing",
     "one, two or three objects at the start",
 )
 TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name)}

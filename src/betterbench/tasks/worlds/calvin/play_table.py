@@ -1,4 +1,4 @@
-"""State of CALVIN's scene for the success rules: poses and contacts of the blocks, doors, lights and robot."""
+"""CALVIN scene state for the success rules: poses and contacts of the blocks, doors, lights and robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Quaternion, Vector
 
 TouchedLink = tuple[int, int]
-"""Indices of body and link of one side of a contact."""
+"""Body and link indices for one side of a contact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class BlockInfo:
     """State of a movable block.
 
     Attributes:
-        body: Index of its body.
+        body: Its body's index.
         position: Position in the world [m].
         rotation: Unit quaternion (w, x, y, z) of R_world_block.
         velocity: Linear [m/s] and angular velocity [rad/s], six numbers.
@@ -40,13 +40,13 @@ class BlockInfo:
 
 @dataclass(frozen=True, slots=True)
 class PlayTable:
-    """State of the scene at one control step.
+    """Scene state at one control step.
 
     Attributes:
         robot: Index of the robot's body.
         touched: Indices of the bodies that the robot touches.
         blocks: The blocks by CALVIN's names ("block_red").
-        table: Links of the table by name, each as a contact.
+        table: Table links by name, each as a contact.
         doors: Joint positions [m] by name ("base__drawer").
         lights: 0 or 1 by name ("led").
     """
@@ -60,7 +60,7 @@ class PlayTable:
 
 
 def read_play_table(info: Mapping[str, Any]) -> PlayTable:
-    """Read the result of ``env.get_info()`` of calvin_env.
+    """Read the result of calvin_env's ``env.get_info()``.
 
     Contacts are tuples of PyBullet's ``getContactPoints``: the third number is the other body, the fifth its link.
     Quaternions of PyBullet are (x, y, z, w).

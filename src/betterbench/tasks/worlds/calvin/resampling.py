@@ -1,8 +1,8 @@
-"""Resampled starts of CALVIN: the same chains, with the blocks anywhere in the range of the training data.
+"""Resampled CALVIN starts: the same chains, with the blocks anywhere in the range of the training data.
 
-The official evaluation puts every block of the table on one of two points. With positions from the whole range of the
-training data, the same policies complete fewer subtasks per chain (arXiv:2606.04233, official and resampled: X-VLA 4.17
-and 3.14, GR-1 3.24 and 2.50, RoboFlamingo 2.37 and 1.87).
+The official evaluation puts every block that is on the table at one of two points. With positions from the full range
+of the training data, the same policies complete fewer subtasks per chain (arXiv:2606.04233, official and resampled:
+X-VLA 4.17 and 3.14, GR-1 3.24 and 2.50, RoboFlamingo 2.37 and 1.87).
 """
 
 from __future__ import annotations
@@ -21,21 +21,22 @@ TRAINING_RANGE: dict[str, tuple[tuple[float, float], tuple[float, float], float]
     "slider_left": ((-0.32, -0.16), (0.05, 0.12), 0.46),
     "slider_right": ((-0.05, 0.13), (0.05, 0.12), 0.46),
 }
-"""Ranges of block positions in the data collection: x, y and z [m] of each surface (``surfaces`` of calvin_env's scene,
-as in the ``merged_config.yaml`` of the published data)."""
+"""Ranges of block positions during data collection: x, y and z [m] for each surface (``surfaces`` in calvin_env's
+scene, as in the ``merged_config.yaml`` of the published data).
+"""
 
 APART_M = 0.09
-"""Minimum distance of two blocks' centers [m]: more than the extent of the largest two, whatever their yaws."""
+"""Minimum distance between two block centers [m]: more than the extent of the largest two, whatever their yaws."""
 
 _TRIES = 1000
 
 
 def resampled_start_of(chain: Chain) -> ChainStart:
-    """Return the start of a chain with redrawn blocks: positions in the range of their surfaces, arbitrary yaws.
+    """Return a chain's start with redrawn blocks: positions in the range of their surfaces, arbitrary yaws.
 
-    Robot, drawer, slider and lights are those of :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every chain
-    has its own draw, which depends only on its number. Blocks on the same surface are drawn again until they are far
-    enough apart; the data collection draws again until they do not touch.
+    Robot, drawer, slider and lights are the same as in :func:`~betterbench.tasks.worlds.calvin.starts.start_of`. Every
+    chain has its own draw, which depends only on its number. Blocks on the same surface are drawn again until they are
+    far enough apart; the data collection draws again until they do not touch.
     """
     digest = hashlib.sha256(f"betterbench calvin resampled {chain.number}".encode()).digest()
     generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))

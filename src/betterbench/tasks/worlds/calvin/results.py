@@ -26,7 +26,7 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """Result of a chain: its index among the 1,000, and its subtasks up to the first failure.
+    """Chain result: its index among the 1,000, and its subtasks up to the first failure.
 
     A chain without subtasks was not run; its length is 0, and no subtask rate includes it.
     """
@@ -83,7 +83,8 @@ class ChainContrast:
     Attributes:
         chains: Number of chains in both runs.
         p_values: Exact McNemar tests of the five rates, with Holm's correction for five tests.
-        difference: Average length of the first minus that of the second, divided by 5, by the paired bootstrap.
+        difference: Average length of the first minus average length of the second, divided by 5, by the paired
+            bootstrap.
     """
 
     chains: int
@@ -95,7 +96,7 @@ def summarize(results: Sequence[ChainResult]) -> ChainSummary:
     """Return the numerical results of a run.
 
     Raises:
-        InvalidInputError: If there is no chain, a chain occurs twice, or the subtasks are not those of the chain.
+        InvalidInputError: If there is no chain, a chain occurs twice, or the subtasks differ from the chain's subtasks.
     """
     _check(results)
     n = len(results)
@@ -170,7 +171,7 @@ def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
 
 
 def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
-    """Return the mean difference of lengths divided by 5; chains with the same start are resampled together."""
+    """Return the mean length difference divided by 5; chains with the same start are resampled together."""
     every = calvin_chains()
     ordered = sorted(pairs, key=lambda pair: pair[0].number)
     return paired_bootstrap(

@@ -57,8 +57,8 @@ def play_chain(
     """Run one chain like CALVIN's ``evaluate_sequence``.
 
     The robot returns to its start only before the chain, and the policy is reset before each instruction. A subtask is
-    done at the first step at which its rule holds, compared with the scene at the start of the subtask. The chain ends
-    with the first subtask that is not done.
+    done at the first step at which its rule holds; the rule compares the scene with the scene at the start of the
+    subtask. The chain ends with the first subtask that is not done.
     """
     observation = world.reset(start_of(chain.start))
     played = []

@@ -1,6 +1,6 @@
-"""Success rules of CALVIN's subtasks, which compare the scene at the beginning of a subtask with the current one.
+"""Success rules for CALVIN's subtasks; they compare the scene at the beginning of a subtask with the current scene.
 
-The rules are those of ``calvin_env/envs/tasks.py`` of calvin_env@797142c. In earlier versions a lifted block must not
+The rules are taken from ``calvin_env/envs/tasks.py`` in calvin_env@797142c. In earlier versions a lifted block must not
 have touched the robot at the beginning, and a pushed block must have exactly the same contacts.
 """
 

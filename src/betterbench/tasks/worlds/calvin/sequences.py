@@ -1,4 +1,4 @@
-"""The 1,000 chains of CALVIN's long-horizon evaluation: sequences of instructions with a start state."""
+"""The 1,000 chains in CALVIN's long-horizon evaluation: sequences of instructions with a start state."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str
 
 
 def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
-    """Return whether subtasks can follow each other from a start, each in exactly one way, of distinct categories."""
+    """Return whether subtasks can follow each other from a start, each in exactly one way, with distinct categories."""
     state = start
     for subtask in chosen:
         after = subtask.after(state)

@@ -1,4 +1,4 @@
-"""Starts of CALVIN: the robot and scene vectors of the simulator for a symbolic state."""
+"""CALVIN starts: the simulator's robot and scene vectors for a symbolic state."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ def pyhash_fnv1_32(text: str) -> int:
 
 
 def start_seed(state: SymbolicState) -> int:
-    """Return the seed of a symbolic start: the hash of ``str(state.values())`` of the ordinary dictionary."""
+    """Return the seed of a symbolic start: the hash of ``str(state.values())`` for the ordinary dictionary."""
     return pyhash_fnv1_32(str(dict(state).values()))
 
 
 def start_of(state: SymbolicState) -> ChainStart:
     """Return the robot and scene vectors of a symbolic start, like CALVIN's ``get_env_state_for_initial_condition``.
 
-    The position of a block on the table, one of two, and the yaw of each block are drawn from a generator with the seed
+    A block's position on the table, one of two, and each block's yaw are drawn from a generator with the seed
     :func:`start_seed`, so each symbolic start has one scene.
     """
     generator = np.random.RandomState(start_seed(state))

@@ -134,7 +134,7 @@ class Subtask:
 
     Attributes:
         name: CALVIN's name ("open_drawer").
-        instruction: The instruction of the evaluation, the first of ``new_playtable_validation.yaml``.
+        instruction: The evaluation's instruction, the first in ``new_playtable_validation.yaml``.
         category: A chain never has two subtasks of the same category.
         rule: Success rule.
         changes: The possible changes; a chain contains only subtasks with exactly one possible change.

@@ -1,4 +1,4 @@
-"""Suites of CALVIN: chains with CALVIN's own starts, and chains with resampled positions of the blocks."""
+"""CALVIN suites: chains with CALVIN's own starts, and chains with resampled block positions."""
 
 from __future__ import annotations
 

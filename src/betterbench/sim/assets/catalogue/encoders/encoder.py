@@ -16,7 +16,7 @@ class TextEncoder(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the encoder with its weights; a catalogue is searched by the encoder that indexed it."""
+        """Name of the encoder with its weights; a catalogue is searched with the encoder that indexed it."""
 
     @property
     def dimension(self) -> int:
@@ -63,7 +63,7 @@ def open_encoder(name: str = DEFAULT) -> TextEncoder:
     """Load an encoder by name ("minilm", "sentence-transformers:MODEL").
 
     Raises:
-        UnknownNameError: If there is no such encoder.
+        UnknownNameError: If no such encoder exists.
         MissingDependencyError: If its package is not installed; the text ends with the command that installs it.
         InvalidInputError: If the weights are not the expected weights.
     """

@@ -34,7 +34,7 @@ _HEADS, _LAYERS = 12, 6
 _EPSILON = 1e-12
 """Constant added to variances in layer normalization, as in the configuration of the model."""
 _LONGEST = 128
-"""Largest number of pieces of a text, as in the training of the model; the rest is ignored."""
+"""Largest number of word pieces in a text, as in the model's training; the rest is ignored."""
 _BATCH = 32
 
 
@@ -53,7 +53,7 @@ class MiniLm:
         """Return unit vectors, (n, 384) float32."""
         numbers = [self._pieces.numbers(text, limit=_LONGEST) for text in texts]
         vectors = np.zeros((len(texts), DIMENSION), np.float32)
-        # Texts of equal length share a batch: without padding, the vector of a text does not depend on its batch.
+        # Texts of equal length share a batch: without padding, a text's vector does not depend on its batch.
         by_length: dict[int, list[int]] = {}
         for place, pieces in enumerate(numbers):
             by_length.setdefault(len(pieces), []).append(place)
@@ -118,7 +118,7 @@ def _gelu(x: np.ndarray) -> np.ndarray:
 
 
 def _pinned(path: Path, sha256: str) -> bytes:
-    """Return the content of a file of the encoder after a check of its hash."""
+    """Return the content of an encoder file after a hash check."""
     data = read_ordinary(path)
     if hashlib.sha256(data).hexdigest() != sha256:
         problem = "is not the expected file of all-MiniLM-L6-v2"

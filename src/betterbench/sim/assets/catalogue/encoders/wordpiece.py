@@ -1,4 +1,4 @@
-"""Word pieces of uncased BERT models: words and marks of punctuation, split into the longest known pieces."""
+"""Word pieces of uncased BERT models: words and punctuation marks, split into the longest known pieces."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _IDEOGRAPHS = (
 
 
 class WordPieces:
-    """Splitter of texts into the numbers of their word pieces.
+    """Splitter that turns texts into word piece numbers.
 
     Args:
-        vocabulary: The pieces in the order of their numbers in the model.
+        vocabulary: The pieces, ordered by their numbers in the model.
     """
 
     def __init__(self, vocabulary: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""Sources of assets, one file each, and the registry of their address schemes.
+"""Asset sources, one file each, and the registry of their address schemes.
 
 New files in this folder are registered automatically. ``source`` is the registry, and ``mesh_facts`` reads facts of
 mesh files without loading the mesh.

@@ -59,7 +59,7 @@ class _Folder:
 
     @property
     def address(self) -> str:
-        """Address of the folder."""
+        """Folder address."""
         return f"folder:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
@@ -115,7 +115,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 
 
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
-    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are no asset."""
+    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are not assets."""
     found: set[Path] = set()
     for file in files:
         if file.suffix.lower() not in (".urdf", ".xml"):
@@ -160,7 +160,7 @@ def _sidecar(root: Path) -> tuple[Mapping[str, _Described], str]:
 
 
 def _csv_rows(path: Path, data: bytes) -> tuple[_Described, ...]:
-    """Return the rows of a table with a header; tags are separated by semicolons."""
+    """Return the rows of a table that has a header; tags are separated by semicolons."""
     try:
         table = csv.DictReader(io.StringIO(data.decode("utf-8-sig")), strict=True, restkey="")
         forms: list[dict[str, object]] = []

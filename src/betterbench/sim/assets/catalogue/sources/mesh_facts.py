@@ -33,7 +33,7 @@ class MeshFacts:
 
     Attributes:
         faces: Number of triangles, None if unknown.
-        size: Extents along the axes of the file, in its own units; None if unknown.
+        size: Extents along the file's axes, in its own units; None if unknown.
         name: Name in the file, empty if it has none.
         refers_to: Relative paths of the mesh files that a URDF or MJCF file uses.
         is_asset: False for an XML file that is neither URDF nor MJCF.
@@ -47,7 +47,7 @@ class MeshFacts:
 
 
 def mesh_facts(path: Path) -> MeshFacts:
-    """Read the facts of a file; the extension determines the format.
+    """Read a file's facts; the extension determines the format.
 
     Raises:
         InvalidInputError: If the file is damaged or has another format.
@@ -85,7 +85,7 @@ def _gltf(path: Path) -> MeshFacts:
 
 
 class _GltfScene:
-    """Triangles and extents of the default scene of a glTF description."""
+    """Triangles and extents of the default scene in a glTF description."""
 
     def __init__(self, form: Mapping[str, Any]) -> None:
         self._form = form
@@ -142,7 +142,7 @@ def _index(value: object, count: int) -> int:
 
 
 def _node_matrix(node: Mapping[str, Any]) -> np.ndarray:
-    """Return the pose of a node relative to its parent, (4, 4)."""
+    """Return a node's pose relative to its parent, (4, 4)."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     x, y, z, w = (float(part) for part in node.get("rotation", (0, 0, 0, 1)))
@@ -180,7 +180,7 @@ def _obj(path: Path) -> MeshFacts:
 
 
 def _extent_of_lines(path: Path, lines: list[bytes]) -> Vector | None:
-    """Return the extents of the points in lines of a word and three numbers."""
+    """Return the extents of the points in lines with a word and three numbers."""
     try:
         points = np.array([line.split()[1:4] for line in lines], dtype="S40").astype(float)
     except ValueError as error:

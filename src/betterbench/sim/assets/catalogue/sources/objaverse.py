@@ -41,7 +41,7 @@ class _Objaverse:
 
     @property
     def address(self) -> str:
-        """Address of the folder."""
+        """Folder address."""
         return f"{NAME}:{self.root}"
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:

@@ -16,7 +16,7 @@ AUTHOR = "betterbench"
 
 
 def asset_address(entry_id: str) -> tuple[str, str, int]:
-    """Return category, color and look of the id of a row ("procedural/mug-red") or of one look ("...red#3").
+    """Return category, color and look from a row id ("procedural/mug-red") or the id of one look ("...red#3").
 
     Raises:
         InvalidInputError: If the id has another form.

@@ -1,4 +1,4 @@
-"""Interface of asset sources, and the registry of all kinds of sources."""
+"""Interface for asset sources, and the registry of all source kinds."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class AssetSource(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the source in the catalogue."""
+        """Source name in the catalogue."""
 
     @property
     def address(self) -> str:
-        """Address under which the same source is opened again."""
+        """Address with which the same source can be opened again."""
 
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
         """Yield the assets in a fixed order; call ``on_skip`` with the name and the reason for each skipped asset."""
@@ -46,7 +46,7 @@ class SourceOptions:
     """Options for a source, given by the user.
 
     Attributes:
-        name: Name of the source in the catalogue, by default its own.
+        name: Source name in the catalogue, by default its own.
         license: License of assets without one.
         author: Author of assets without one.
     """
@@ -89,7 +89,7 @@ def register(kind: SourceKind) -> SourceKind:
 
 
 def open_source(address: str, options: SourceOptions | None = None) -> AssetSource:
-    """Open the source of an address; the path of an existing folder is enough for a folder.
+    """Open the source at an address; for a folder, the path of an existing folder is enough.
 
     Raises:
         UnknownNameError: If no kind has such addresses.

@@ -1,0 +1,321 @@
+"""Start positions of the release on our table.
+
+Both world frames have the robot base at the origin, x away from it and y to the left, so positions are taken over as
+they are. Positions that are within 2.5 cm of each other become one slot. A slot is then moved as little as needed so
+that it is in reach and in the view of the front camera, and so that objects of a scene do not overlap with the sizes of
+our assets; the order of any two objects of a scene from left to right and from near to far is kept. Headings are not
+taken over, because our assets have other axes: each slot has a heading at which the gripper is free to open.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from betterbench.generation.better_release.matching import Match
+from betterbench.generation.better_release.resolved import Resolved
+from betterbench.geometry import Pose, Vector, from_yaw, rotate
+from betterbench.sim.assets import CollisionPart
+from betterbench.tasks import Slot, get_task, suite_tasks
+
+SAME_SLOT_M = 0.025
+"""Largest distance of two positions that count as one slot [m]: a jitter of 15 mm and the precision of a placement by
+hand."""
+JITTER_M, TARGET_JITTER_M = 0.01, 0.005
+"""Jitter of slots, and of slots of targets [m]."""
+GAP_M = 0.04
+"""Free distance between two objects [m]: room for a finger and for the jitter of both."""
+TARGET_GAP_M = 0.05
+"""Free distance between an object and a target [m]: room for a finger and the palm beside the wall of a container."""
+NEAR_X_M, FAR_X_M = 0.36, 0.69
+"""Distances from the robot base [m] between which the suite has its slots for grasps."""
+FAR_TARGET_X_M = 0.60
+"""Largest distance of the center of a target from the robot base [m]."""
+SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
+"""The front camera shows |y| up to 0.36 - 0.19 x [m] with the margin of 8 mm, at all jitters of the camera and with
+1 cm for the jitter of the slot; a test compares this with the camera."""
+FRONT_CAMERA_M = (1.45, 0.0, 0.95)
+"""Position of the front camera, world frame [m]; a test compares it with the scene."""
+_QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
+_ORDERED_M, _KEPT_M = 0.02, 0.004
+_ROUNDS, _MOST_STEPS = 900, 2_000_000
+"""Number of rounds in which slots are pushed apart, and largest number of pairs that are visited in all rounds."""
+_TINY, _ROUNDING_M = 1e-12, 1e-3
+
+
+def beyond_workspace_m(x: float, y: float) -> float:
+    """Return the distance of a position from the part of our table that is in reach and in view [m], 0 inside."""
+    inside_x = min(max(x, NEAR_X_M), FAR_X_M)
+    limit = SEEN_AT_0_M - SEEN_SLOPE * inside_x
+    inside_y = min(max(y, -limit), limit)
+    return math.hypot(x - inside_x, y - inside_y)
+
+
+@dataclass
+class _Cluster:
+    """Positions that become one slot."""
+
+    name: str
+    x: float
+    y: float
+    yaw: float
+    is_target: bool
+    half_x: float = 0.0
+    half_y: float = 0.0
+    users: list[tuple[str, str]] = field(default_factory=list)
+
+    def take_in(self, variation: str, name: str, match: Match) -> None:
+        """Add an object of a variation, and make room for it."""
+        half_x, half_y = _half_extents(match, self.yaw)
+        if not self.is_target:  # its heading is not known yet
+            half_x = half_y = max(half_x, half_y)
+        self.half_x, self.half_y = max(self.half_x, half_x), max(self.half_y, half_y)
+        self.users.append((variation, name))
+
+
+@dataclass(frozen=True)
+class PlacedSlots:
+    """Slots of a task.
+
+    Attributes:
+        slots: The slots by name.
+        of: Slot name by variation and object.
+        moved_m: Distance of each slot from its position in the release [m].
+        crowded: Pairs of slots used in one scene that could not be separated, with the missing distance [m].
+        hidden: Objects by variation whose middle the target hides from the front camera.
+    """
+
+    slots: Mapping[str, Slot]
+    of: Mapping[tuple[str, str], str]
+    moved_m: Mapping[str, float]
+    crowded: tuple[tuple[str, str, float], ...]
+    hidden: frozenset[tuple[str, str]]
+
+
+def place_slots(
+    variations: Sequence[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
+) -> PlacedSlots:
+    """Return the slots for some variations.
+
+    Args:
+        variations: The variations, training variations first.
+        present: Objects by variation that start in a slot.
+        matches: Matched assets by object.
+    """
+    clusters: list[_Cluster] = []
+    target_yaw = {name: _open_yaw(name, variations, present, matches) for name in {v.container for v in variations}}
+    for variation in variations:
+        for name in present[variation.name]:
+            is_target = name == variation.container
+            x, y, _ = variation.poses[name].position
+            cluster = _same_slot(clusters, variation.name, (x, y), is_target=is_target)
+            if cluster is None:
+                kind = "stand" if is_target else "slot"
+                number = 1 + sum(c.is_target == is_target for c in clusters)
+                cluster = _Cluster(f"{kind}_{number}", x, y, target_yaw[name] if is_target else 0.0, is_target)
+                clusters.append(cluster)
+            cluster.take_in(variation.name, name, matches[name])
+    found, crowded = _separated(clusters)
+    near: list[list[int]] = [[] for _ in clusters]
+    for i, j in _together(clusters):
+        near[i] += [j] if clusters[j].is_target else []
+        near[j] += [i] if clusters[i].is_target else []
+    slots = {
+        c.name: Slot(
+            c.name,
+            round(float(x), 4),
+            round(float(y), 4),
+            round(c.yaw if c.is_target else _free_yaw(i, near[i], clusters, found, matches), 4),
+            jitter_m=TARGET_JITTER_M if c.is_target else JITTER_M,
+            yaw_jitter=0.03 if c.is_target else 0.15,
+        )
+        for i, (c, (x, y)) in enumerate(zip(clusters, found, strict=True))
+    }
+    of = {user: c.name for c in clusters for user in c.users}
+    hidden = {
+        (v.name, name)
+        for v in variations
+        for name in present[v.name]
+        if name != v.container and (v.name, v.container) in of
+        if _hides(matches[v.container], slots[of[v.name, v.container]], matches[name], slots[of[v.name, name]])
+    }
+    return PlacedSlots(
+        slots=slots,
+        of=of,
+        moved_m={c.name: round(math.dist((c.x, c.y), (x, y)), 4) for c, (x, y) in zip(clusters, found, strict=True)},
+        crowded=crowded,
+        hidden=frozenset(hidden),
+    )
+
+
+def _same_slot(
+    clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
+) -> _Cluster | None:
+    """Return the nearest cluster of a position that no other object of the variation uses."""
+    near = [
+        c
+        for c in clusters
+        if c.is_target == is_target
+        and math.dist((c.x, c.y), place) <= SAME_SLOT_M
+        and all(variation != other for other, _ in c.users)
+    ]
+    return min(near, key=lambda c: math.dist((c.x, c.y), place), default=None)
+
+
+def _open_yaw(
+    name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
+) -> float:
+    """Return a heading of a target that hides few goal objects; the heading in the suite is preferred [rad]."""
+    if name not in matches:
+        return 0.0
+    usual = _usual_yaw(matches[name].category)
+
+    def hidden(turn: float) -> int:
+        count = 0
+        for v in variations:
+            if v.container == name and name in present[v.name]:
+                stand = Slot("stand", *v.poses[name].position[:2], usual + turn)
+                others = [one for one in v.goals if one in present[v.name] and one != name]
+                places = (Slot("slot", *v.poses[one].position[:2]) for one in others)
+                pairs = zip(others, places, strict=True)
+                count += sum(_hides(matches[name], stand, matches[one], place) for one, place in pairs)
+        return count
+
+    return math.remainder(usual + min(_QUARTERS, key=hidden), math.tau)
+
+
+def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
+    """Return whether a target is between the front camera and the middle of an object.
+
+    The collision shapes of the target are replaced by their boxes.
+    """
+    frame = Pose((stand.x, stand.y, 0.0), from_yaw(stand.yaw)).inverse()
+    eye, middle = frame.apply(FRONT_CAMERA_M), frame.apply((place.x, place.y, 0.5 * match.asset.size_m[2]))
+    return any(_crosses(part, eye, middle) for part in target.asset.collision)
+
+
+def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
+    """Return whether a straight line meets the box of a collision shape, all in the frame of its asset."""
+    center, half = np.zeros(3), np.asarray(part.size)
+    if part.shape == "hull" and part.vertices is not None:
+        low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+        center, half = 0.5 * (low + high), 0.5 * (high - low)
+    elif part.shape in ("cylinder", "capsule"):
+        half = np.array([part.size[0], part.size[0], part.size[1]])
+    elif part.shape == "sphere":
+        half = np.full(3, part.size[0])
+    frame = Pose(part.position, part.quaternion).inverse()
+    a, b = np.asarray(frame.apply(start)) - center, np.asarray(frame.apply(end)) - center
+    way = np.where(np.abs(b - a) < _TINY, _TINY, b - a)
+    one, other = (-half - a) / way, (half - a) / way
+    enters, leaves = float(np.minimum(one, other).max()), float(np.maximum(one, other).min())
+    return max(enters, 0.0) <= min(leaves, 1.0)
+
+
+@functools.cache
+def _usual_yaw(category: str) -> float:
+    """Return the heading with which the suite sets up targets of a category [rad], 0 if it has none."""
+    yaws = Counter(
+        task.slot(condition.layout[spec.name]).yaw
+        for task in map(get_task, suite_tasks("better60"))
+        for condition in task.training
+        for spec in condition.objects
+        if spec.category == category and spec.name in condition.layout
+    )
+    return yaws.most_common(1)[0][0] if yaws else 0.0
+
+
+def _half_extents(match: Match, yaw: float) -> tuple[float, float]:
+    half_x, half_y = 0.5 * match.asset.size_m[0], 0.5 * match.asset.size_m[1]
+    c, s = abs(math.cos(yaw)), abs(math.sin(yaw))
+    return c * half_x + s * half_y, s * half_x + c * half_y
+
+
+def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, str, float], ...]]:
+    """Return positions (n, 2) of the clusters [m] without overlaps, and the pairs that still overlap."""
+    wished = np.array([(c.x, c.y) for c in clusters]).reshape(-1, 2)
+    places = wished.copy()
+    pairs = _together(clusters)
+    rounds = min(_ROUNDS, 30 + _MOST_STEPS // max(1, len(pairs)))
+    for number in range(rounds):
+        if number < 2 * rounds // 3:  # afterward, slots are only pushed apart
+            places += 0.05 * (wished - places)
+        for i, j in pairs:
+            _push_apart(places, wished, clusters, i, j)
+            _keep_order(places, wished, i, j)
+        for i, c in enumerate(clusters):
+            places[i] = _inside(c, *places[i])
+    crowded = []
+    for i, j in pairs:
+        missing = min(_overlaps(places, clusters, i, j)) - _gap_m(clusters[i], clusters[j])
+        if missing > _ROUNDING_M:  # the objects themselves overlap
+            crowded.append((clusters[i].name, clusters[j].name, round(missing, 4)))
+    return places, tuple(crowded)
+
+
+def _free_yaw(
+    i: int, targets: list[int], clusters: list[_Cluster], places: np.ndarray, matches: Mapping[str, Match]
+) -> float:
+    """Return a heading of a slot at which the gripper opens along the nearest wall of a target [rad]."""
+    grasps = next((matches[name].asset.grasps for _, name in clusters[i].users if matches[name].asset.grasps), ())
+    if not grasps or not targets:
+        return 0.0
+    opens = rotate(min(grasps, key=lambda g: g.preference).pose.quaternion, (0.0, 1.0, 0.0))
+    free = [np.abs(places[i] - places[j]) - (clusters[j].half_x, clusters[j].half_y) for j in targets]
+    beside = min(free, key=max)
+    wanted = 0.0 if beside[1] > beside[0] else 0.5 * math.pi
+    return math.remainder(wanted - math.atan2(opens[1], opens[0]), math.pi)
+
+
+def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
+    """Return the pairs of slots that one scene uses."""
+    scenes = [{variation for variation, _ in c.users} for c in clusters]
+    return [(i, j) for i in range(len(clusters)) for j in range(i + 1, len(clusters)) if scenes[i] & scenes[j]]
+
+
+def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
+    """Return how much two slots lack of the free distance along x and y [m]; negative where they have more."""
+    a, b = clusters[i], clusters[j]
+    apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
+    return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])
+
+
+def _gap_m(a: _Cluster, b: _Cluster) -> float:
+    return GAP_M if a.is_target == b.is_target else TARGET_GAP_M
+
+
+def _push_apart(places: np.ndarray, wished: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> None:
+    lacks = _overlaps(places, clusters, i, j)
+    if min(lacks) <= 0.0:
+        return
+    axis = int(lacks[1] <= lacks[0])
+    toward = 1.0 if wished[i, axis] >= wished[j, axis] else -1.0
+    # a target moves less than the objects around it
+    share = 0.5 if clusters[i].is_target == clusters[j].is_target else 0.1 if clusters[i].is_target else 0.9
+    places[i, axis] += toward * share * lacks[axis]
+    places[j, axis] -= toward * (1.0 - share) * lacks[axis]
+
+
+def _keep_order(places: np.ndarray, wished: np.ndarray, i: int, j: int) -> None:
+    for axis in (0, 1):
+        apart = wished[i, axis] - wished[j, axis]
+        if abs(apart) <= _ORDERED_M:
+            continue
+        toward = math.copysign(1.0, apart)
+        lack = _KEPT_M - toward * (places[i, axis] - places[j, axis])
+        if lack > 0.0:
+            places[i, axis] += 0.5 * toward * lack
+            places[j, axis] -= 0.5 * toward * lack
+
+
+def _inside(cluster: _Cluster, x: float, y: float) -> tuple[float, float]:
+    """Return the nearest position inside the workspace."""
+    far = FAR_TARGET_X_M if cluster.is_target else FAR_X_M
+    x = min(max(x, NEAR_X_M), far)
+    limit = max(0.0, SEEN_AT_0_M - SEEN_SLOPE * x - (0.5 * cluster.half_y if cluster.is_target else 0.0))
+    return x, min(max(y, -limit), limit)

@@ -1,0 +1,178 @@
+"""Files of an audit: ``audit.json`` for programs, and ``audit.md`` for readers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from betterbench.certification.certificate import CLAUSES, Summary
+from betterbench.generation.better_release.audit import CODES, Audit, Finding
+from betterbench.generation.better_release.building import Built
+from betterbench.generation.better_release.files import ReleaseTask
+from betterbench.generation.better_release.matching import Match
+from betterbench.generation.better_release.resolved import Resolved
+from betterbench.quoting import markdown_code, markdown_table, markdown_text
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A release task with everything that its import found.
+
+    Attributes:
+        certificate: Results of the certificate by condition of our task; empty if none was made.
+    """
+
+    release: ReleaseTask
+    resolved: Mapping[str, Resolved]
+    matches: Mapping[str, Match]
+    built: Built
+    audit: Audit
+    certificate: Mapping[str, Summary] = field(default_factory=dict)
+
+    @property
+    def task_id(self) -> str | None:
+        """Id of our task, None if no training variation can be represented."""
+        return None if self.built.task is None else self.built.task.id
+
+    def certified(self, variation: str) -> Summary | None:
+        """Return the result of the certificate for a variation of the release."""
+        return self.certificate.get(self.built.variations[variation].name or "")
+
+
+def certified_text(summary: Summary | None) -> str:
+    """Return a result of a certificate in a few words: "3/3", "0/3: (b)", or "" without one."""
+    if summary is None:
+        return ""
+    failed = [f"({letter})" for letter in CLAUSES if summary.clauses[letter] < summary.n]
+    return f"{summary.passed}/{summary.n}" + (f": {' '.join(failed)}" if failed else "")
+
+
+def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
+    """Return one remark of a certificate on each clause that fails, with an example seed."""
+    notes = () if summary is None else summary.notes
+    firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
+    return tuple(filter(None, firsts))
+
+
+def audit_form(tasks: Iterable[Imported], *, suite: str | None) -> dict[str, Any]:
+    """Return the JSON form of audits.
+
+    Args:
+        tasks: The imported tasks.
+        suite: Name of the folder of the suite, or None if no task can be represented.
+    """
+    return {"schema_version": SCHEMA_VERSION, "suite": suite, "tasks": [_task_form(one) for one in tasks]}
+
+
+def _task_form(one: Imported) -> dict[str, Any]:
+    slots = one.built.slots
+    return {
+        "release_task": one.release.task.task_id,
+        "template_type": one.release.task.template_type,
+        "task": one.task_id,
+        "variations": [_variation_form(one, name) for name in one.resolved],
+        "assets": {
+            name: {"category": m.category, "color": m.color, "score": m.score, "how": m.how}
+            for name, m in one.matches.items()
+        },
+        "unmatched": [name for name in one.release.instances if name not in one.matches],
+        "slots": {
+            name: {"x": slot.x, "y": slot.y, "yaw": slot.yaw, "moved_cm": round(100.0 * slots.moved_m[name], 2)}
+            for name, slot in slots.slots.items()
+        },
+        "crowded": [[a, b, round(100.0 * missing, 2)] for a, b, missing in slots.crowded],
+        "findings": [finding.to_json() for finding in one.audit.findings],
+    }
+
+
+def _variation_form(one: Imported, name: str) -> dict[str, Any]:
+    variation, shown, summary = one.resolved[name], one.built.variations[name], one.certified(name)
+    return {
+        "variation": name,
+        "training": variation.training,
+        "instruction": variation.instruction,
+        "goals": [str(p) for p in variation.success],
+        "fails": [str(p) for p in variation.fail],
+        "condition": shown.name,
+        "base": shown.base,
+        "operations": list(shown.operations),
+        "reasons": list(shown.reasons),
+        "left_out": dict(shown.left_out),
+        "no_counterpart": [str(p) for p in shown.predicates],
+        "certificate": None
+        if summary is None
+        else {
+            "trials": summary.n,
+            "passed": summary.passed,
+            "clauses": summary.clauses,
+            "failures": list(certificate_notes(summary)),
+        },
+    }
+
+
+def counts_of(findings: Sequence[Finding]) -> tuple[int, int]:
+    """Return the number of faults and of remarks."""
+    faults = sum(f.level == "fault" for f in findings)
+    return faults, len(findings) - faults
+
+
+def audit_markdown(tasks: Iterable[Imported], *, suite: str | None) -> str:
+    """Return the readable form of audits; arguments as for :func:`audit_form`."""
+    lines = ["# Audit of a BeTTER release", ""]
+    if suite is not None:
+        lines += [f"The tasks in our form are in {markdown_code(suite)}.", ""]
+    for one in tasks:
+        lines += [f"## {markdown_text(one.release.task.task_id)}", "", *_overview(one), "", *_assets(one)]
+        for name in ("", *one.resolved):
+            lines += _section(one, name)
+    lines += ["", "## Codes", "", *markdown_table(["code", "meaning"], _codes())]
+    return "\n".join(lines) + "\n"
+
+
+def _overview(one: Imported) -> list[str]:
+    rows = []
+    for name, variation in one.resolved.items():
+        shown = one.built.variations[name]
+        faults, remarks = counts_of(one.audit.of(name))
+        kind = "training" if variation.training else f"test, from {shown.base}" if shown.base else "test"
+        ours = markdown_code(shown.name) if shown.name else "not represented"
+        certified = certified_text(one.certified(name)) or "–"
+        rows.append([markdown_text(name), kind, ours, str(faults), str(remarks), certified])
+    return markdown_table(["variation", "kind", "in our form", "faults", "remarks", "certified"], rows)
+
+
+def _assets(one: Imported) -> list[str]:
+    rows = []
+    for name in one.release.instances:
+        match = one.matches.get(name)
+        found = ["none", "", ""] if match is None else [_asset_text(match), f"{match.score:.2f}", match.how]
+        rows.append([markdown_code(name), *found])
+    return [*markdown_table(["object", "asset", "score", "found by"], rows), ""]
+
+
+def _asset_text(match: Match) -> str:
+    return markdown_code(match.category if match.color is None else f"{match.category} ({match.color})")
+
+
+def _section(one: Imported, name: str) -> list[str]:
+    """Return the findings on a variation, or on the whole task, and the failed clauses of its certificate."""
+    findings = one.audit.of(name)
+    notes = certificate_notes(one.certified(name)) if name else ()
+    if not findings and not notes:
+        return []
+    lines = ["", f"### {markdown_text(name)}" if name else "### The whole task", ""]
+    if name:
+        lines += [f"Instruction: {markdown_text(one.resolved[name].instruction)}", ""]
+    for level in ("fault", "remark"):
+        lines += [
+            f"- **{level}** {markdown_code(f.code)}: {markdown_text(f.text)}" for f in findings if f.level == level
+        ]
+    lines += [f"- **certificate** {markdown_text(note)}" for note in notes]
+    return lines
+
+
+def _codes() -> list[list[str]]:
+    return [[markdown_code(code), markdown_text(meaning)] for code, meaning in CODES.items()]

@@ -1,0 +1,54 @@
+"""Import of an object whose proposed grasps are tried in simulation, in the child process of an import."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from betterbench.sim.asset_checks import limits
+from betterbench.sim.asset_checks.lift import LiftTrial, try_grasp
+from betterbench.sim.asset_checks.rest import settled
+from betterbench.sim.assets import Grasp
+from betterbench.sim.assets.authoring.registry import asset_of
+from betterbench.sim.assets.importing.child import answer_imports
+from betterbench.sim.assets.importing.importer import Imported
+
+_ENOUGH = 4
+"""Number of successful grasps after which no more are tried; experts try the next grasp after a failure."""
+_SLIP_STEP_MM, _SWING_STEP_DEGREES = 3.0, 10.0
+"""Differences of slip and swing that matter for the order; the proposal's own order decides between equal grasps."""
+
+
+def import_for_parent() -> None:
+    """Import the object that a request names and try its grasps: the main function of the child."""
+    answer_imports(with_tried_grasps)
+
+
+def with_tried_grasps(imported: Imported) -> Imported:
+    """Return an object with the grasps that lift and carry it in simulation, firmest first, and a note about them.
+
+    Grasps that fail are left out. An object that is heavier than the payload keeps its proposals untried.
+    """
+    draft = imported.draft
+    if not draft.grasps or draft.mass_kg > limits.PAYLOAD_KG:
+        return imported
+    asset = asset_of(draft, "imported", color="gray")
+    rest = settled(asset).pose
+    tried, lifted = 0, list[tuple[int, int, Grasp]]()
+    for grasp in sorted(asset.grasps, key=lambda grasp: grasp.preference):
+        trial = try_grasp(asset, grasp, rest)
+        tried += 1
+        if trial.succeeded:
+            lifted.append((_looseness(trial), grasp.preference, grasp))
+        if len(lifted) == _ENOUGH:
+            break
+    lifted.sort(key=lambda found: found[:2])
+    grasps = tuple(
+        replace(grasp, name="body" if k == 0 else f"body{k + 1}", preference=k)
+        for k, (_, _, grasp) in enumerate(lifted)
+    )
+    note = f"{len(grasps)} of {tried} grasps lift and carry it in simulation"
+    return replace(imported, draft=replace(draft, grasps=grasps), notes=(*imported.notes, note))
+
+
+def _looseness(trial: LiftTrial) -> int:
+    return int(trial.slip_mm / _SLIP_STEP_MM) + int(trial.swing_degrees / _SWING_STEP_DEGREES)
