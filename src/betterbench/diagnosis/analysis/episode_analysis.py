@@ -620,9 +620,9 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
-    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot, or
-    at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. If training
-    picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
+    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot,
+    or at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. If
+    training picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
