@@ -255,7 +255,7 @@ def test_one_run_is_not_enough(two):
 
 
 def test_each_policy_stands_among_the_pretenders_on_the_compared_trials(side, monkeypatch, capsys):
-    monkeypatch.setattr(standing, "packaged_power_matrix", matrix)
+    monkeypatch.setattr(standing, "power_matrix_of", lambda _tasks: matrix())
     shortcut = side("shortcut", {("fast_food", "L1"): failing(SHORTCUT, *range(20))})
     right = side("right", {})
     found = compare([shortcut, right])
@@ -273,6 +273,6 @@ def test_each_policy_stands_among_the_pretenders_on_the_compared_trials(side, mo
 
 
 def test_without_a_matrix_a_comparison_says_so_and_goes_on(side, monkeypatch, capsys):
-    monkeypatch.setattr(standing, "packaged_power_matrix", lambda: None)
+    monkeypatch.setattr(standing, "power_matrix_of", lambda _tasks: None)
     print_comparison(compare([side("one", {}), side("two", {})]))
     assert " ".join(capsys.readouterr().out.split()).count("better calibrate --power") == 1

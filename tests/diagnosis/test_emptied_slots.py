@@ -147,3 +147,22 @@ def test_a_slot_in_which_something_stands_is_not_empty(stage):
     x, y, _ = s.positions[blue]
     found = diagnose_record(closes(s, x + 0.12, y - 0.06).wait(4).end())
     assert (found.label, found.evidence.rule) == FAR
+
+
+def test_a_closing_above_the_rim_of_the_requested_plate_is_not_at_the_empty_slot_beside_it(stage):
+    """The rim of a plate in the empty slot would reach to 3 cm from the rim of the requested plate."""
+    s = stage("dinner_plates", "L1")
+    red = s.of("red plate")
+    s.positions[red][:2] = s.slot("left_front")[:2] + np.array([0.0, 0.014])  # as near as it stands in some seeds
+    x, y, _ = s.positions[red]
+    width, top = s.size(red)[1], s.size(red)[2]
+    record = closes(s, x, y + 0.5 * width - 0.005, top + 0.047).wait(4).end()
+    found = diagnose_record(record)
+    assert (found.label, found.evidence.rule, found.first_slot) == (*FAR, None)
+
+
+def test_a_closing_above_the_middle_of_an_empty_slot_is_at_that_slot(stage):
+    """However near the requested plate is: the slot is nearer."""
+    s = stage("dinner_plates", "L1")
+    x, y = slot_of(s, "right_front").middle
+    assert verdict(closes(s, x, y, 0.06).wait(4).end()) == EMPTY

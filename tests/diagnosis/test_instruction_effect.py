@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -85,6 +86,25 @@ def test_a_policy_that_does_not_use_the_instruction_is_said_not_to(stage, choose
     assert len(wrong) >= 6
     assert {t.label for t in wrong} == {Label.VISUAL_LAYOUT_BIAS}
     assert all(t.intention_correct for t in found.trials if t.success)
+
+
+def test_a_drawer_is_not_the_first_target_of_a_policy_that_does_not_use_the_instruction(stage):
+    """It takes the red stapler whatever is asked, and opens the drawer of the stapler first."""
+    records = []
+    for name, seed in itertools.product(("train1", "train3", "train5", "train7"), range(4)):
+        s = stage("office_drawer", name, seed=seed).draw("upper", 0.15)
+        records.append(s.bring(red(s), s.place("inside", "upper")).draw("upper", 0.0).home().wait(4).end())
+    found = diagnose_records(records)
+    assert effect(found) == (0, 8)
+    assert {t.label for t in found.trials if not t.success} == {Label.VISUAL_LAYOUT_BIAS}
+    assert "kind of object" in found.findings[0]
+
+
+def test_drawers_alone_form_no_pair(stage):
+    records = []
+    for name, seed in itertools.product(("train1", "train3"), range(4)):
+        records.append(stage("office_drawer", name, seed=seed).draw("upper", 0.15).home().wait(4).end())
+    assert instruction_pairs(diagnose_records(records).trials) == []
 
 
 def test_evidence_counts_the_pairs_and_says_what_decides(stage):

@@ -194,6 +194,41 @@ def test_a_drawer_is_no_first_choice(stage):
     assert found.evidence.candidates == after.evidence.candidates != ()
 
 
+def test_a_drawer_opened_for_a_wrong_object_is_no_attempt_of_its_own(stage):
+    """The drawer of the stapler goes with the stapler: the choice is the stapler, although the tape is requested."""
+    s = stage("office_drawer", "train3").draw("upper", 0.15)
+    found = diagnose_record(s.bring("stapler", s.place("inside", "upper")).home().wait(4).end())
+    assert (found.first_attempt, found.intention_correct) == ("stapler", False)
+    assert (found.label, found.evidence.objects) == (Label.WRONG_OBJECT, ("stapler",))
+    assert "left open" in found.evidence.text
+
+
+def test_a_wrong_drawer_for_the_right_object_is_judged(stage):
+    s = stage("office_drawer", "train3").draw("upper", 0.15)
+    found = diagnose_record(s.bring("tape", s.place("inside", "upper")).home().wait(4).end())
+    assert (found.first_attempt, found.intention_correct) == ("tape", False)
+    assert (found.label, found.evidence.objects) == (Label.WRONG_OBJECT, ("upper",))
+
+
+@pytest.mark.parametrize("name", ["train1", "train2"])
+def test_a_drawer_shut_without_its_content_is_a_step_skipped(stage, name):
+    """It is open at the start (train2) or was opened by the policy itself (train1); no step is done."""
+    s = stage("office_drawer", name)
+    if name == "train1":
+        s.draw("upper", 0.15)
+    found = diagnose_record(s.draw("upper", 0.0).home().wait(4).end())
+    assert verdict(found) == (Label.CAUSAL_CONFUSION, "required_step_skipped")
+    assert "It shuts the upper drawer and never goes for 'stapler', which must be inside first" in found.evidence.text
+    assert (found.first_attempt, found.intention_correct) == (None, False)
+
+
+def test_a_drawer_shut_before_its_content_is_a_step_skipped_although_the_content_is_tried_later(stage):
+    s = stage("office_drawer", "train2").draw("upper", 0.0)
+    found = diagnose_record(s.grasp("stapler").lift().carry(np.array([0.3, 0.0, 0.0])).home().wait(4).end())
+    assert verdict(found) == (Label.CAUSAL_CONFUSION, "required_step_skipped")
+    assert "It shuts the upper drawer before it goes for 'stapler'" in found.evidence.text
+
+
 def test_layers_in_a_wrong_order_are_no_wrong_place(stage):
     s = stage("cheeseburger", "R1")
     s.bring(s.of("lettuce"), s.goal(0)).bring(s.of("cheese"), s.goal(1)).home().wait(4)

@@ -288,11 +288,11 @@ def test_the_right_drawer_does_not_excuse_the_wrong_thing(stage):
     assert found.label is Label.WRONG_OBJECT
 
 
-def test_a_drawer_and_nothing_else_is_the_first_attempt(stage):
+def test_a_drawer_is_no_first_attempt_but_a_wrong_drawer_is_a_wrong_one(stage):
     found = halted(stage("office_drawer", "train1").draw("upper", 0.15))
-    assert (found.first_attempt, found.intention_correct) == ("upper", True)
+    assert (found.first_attempt, found.intention_correct) == (None, True)
     found = halted(stage("office_drawer", "train1").draw("lower", 0.15).bring("stapler", np.array([0.5, 0.0, 0.0])))
-    assert (found.first_attempt, found.intention_correct) == ("lower", False)
+    assert (found.first_attempt, found.intention_correct) == ("stapler", False)
 
 
 # -- refusing -----------------------------------------------------------------------------------------------------

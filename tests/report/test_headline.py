@@ -30,6 +30,12 @@ def varied(seeds, label=Label.SUCCESS, *, rule="", shared=(), **changes):
     return [replace(t, evidence=replace(t.evidence, rule=rule or t.evidence.rule, shared=shared)) for t in made]
 
 
+def with_unused_instruction(run):
+    """The diagnosis of a run whose first target is the same in 12 of 12 pairs."""
+    effect = Metric("instruction_effect", "overall", 0, 12, 0.0, 0.0, 0.24, 0.5**12)
+    return replace(run, metrics=(*(m for m in run.metrics if m.name != "instruction_effect"), effect))
+
+
 def said(trials):
     return " ".join(headline_of(diagnosis(trials)).sentences)
 
@@ -300,3 +306,35 @@ def test_an_instruction_that_is_not_used_is_a_conclusion_although_few_trials_fai
         assert (headline.family, headline.claim.supported) == ("reasoning", True)
     else:
         assert headline.conclusion.startswith("Nothing to conclude yet")
+
+
+@pytest.mark.parametrize(
+    ("label", "said"),
+    [
+        (Label.BEHAVIORAL_INERTIA, "It does not use the instruction: the first target is the same in 12 of 12 pairs"),
+        (Label.EXECUTION_FAILURE, "It does not use the instruction: the first target is the same in 12 of 12 pairs"),
+        (Label.VISUAL_LAYOUT_BIAS, "It goes to the same place regardless of the instruction."),
+    ],
+)
+@pytest.mark.parametrize("failed", [3, 20])
+def test_an_instruction_that_is_not_used_comes_before_the_failures_of_one_variation(label, said, failed):
+    """A blind choice may coincide with a habit where the variations are; the wrong trials of training rule it out."""
+    blind = trained(range(20, 24), Label.VISUAL_LAYOUT_BIAS)
+    run = diagnosis([*trained(range(20)), *blind, *varied(range(failed), label), *varied(range(failed, 21))])
+    assert not headline_of(run).conclusion.startswith("It does not use the instruction")
+    headline = headline_of(with_unused_instruction(run))
+    if failed == 20:
+        assert headline.conclusion.startswith(said)
+    assert (headline.family, headline.claim.supported) == ("reasoning", True)
+
+
+def test_a_habit_that_explains_every_wrong_attempt_is_the_conclusion_although_the_instruction_is_not_used():
+    run = diagnosis([*trained(range(14)), *varied(range(10), Label.BEHAVIORAL_INERTIA), *varied(range(10, 14))])
+    assert headline_of(with_unused_instruction(run)).conclusion == headline_of(run).conclusion
+    assert not headline_of(run).conclusion.startswith("It does not use the instruction")
+
+
+def test_an_instruction_that_is_not_used_is_said_although_the_variations_are_solved():
+    run = diagnosis([*trained(range(12)), *trained(range(12, 24), Label.VISUAL_LAYOUT_BIAS), *varied(range(9))])
+    said = headline_of(with_unused_instruction(run)).conclusion
+    assert said.startswith("It does not use the instruction: the first target is the same in 12 of 12 pairs")

@@ -162,10 +162,10 @@ def test_pretenders_stand_beside_the_score(tmp_path, monkeypatch):
     trials = [trial(variation="L1", seed=i, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for i in range(6)]
     trials += [trial(variation="R1", seed=i) for i in range(6)]
     run = diagnosis(trials)
-    monkeypatch.setattr(standing, "packaged_power_matrix", lambda: None)
+    monkeypatch.setattr(standing, "power_matrix_of", lambda _tasks: None)
     without = write_report([run], tmp_path / "without").read_text()
     assert "better calibrate --power" in without
-    monkeypatch.setattr(standing, "packaged_power_matrix", matrix)
+    monkeypatch.setattr(standing, "power_matrix_of", lambda _tasks: matrix())
     page = write_report([run], tmp_path / "with").read_text()
     for text in ("Nearest pretender: zoo:lexical", "shortcut ceiling", "control cell", "50.0 % (3/6), zoo:shape"):
         assert text in page, text
@@ -173,7 +173,7 @@ def test_pretenders_stand_beside_the_score(tmp_path, monkeypatch):
 
 
 def test_the_pretenders_of_several_policies_stand_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(standing, "packaged_power_matrix", matrix)
+    monkeypatch.setattr(standing, "power_matrix_of", lambda _tasks: matrix())
     right = [trial(variation="L1", seed=i) for i in range(6)]
     wrong = [trial(variation="L1", seed=i, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for i in range(6)]
     runs = [diagnosis(wrong, policy="first"), diagnosis(right, policy="second")]

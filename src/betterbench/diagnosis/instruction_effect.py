@@ -76,7 +76,10 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return a trial's first target: the name of the object or of the empty slot, or None."""
+    """Return a trial's first target: the name of the object or of the empty slot, or None.
+
+    A drawer that is moved for an object is not a first target.
+    """
     return trial.first_attempt or trial.first_slot
 
 

@@ -61,7 +61,7 @@ class TrialDiagnosis:
         axis: Variation axis, or None.
         expected: "succeed", "refuse" or "stay_still".
         first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
-            that had to be moved first is not counted.
+            is counted only if the drawer itself is requested first.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
         intended: Object that the first attempt should have been at, or None if no attempt was right. If the attempt was

@@ -249,13 +249,31 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 
 def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
-    """Return the main sentence, its color family and its test."""
+    """Return the main sentence, its color family and its test.
+
+    A proof that the instruction is not used comes before the failures of the variations, unless a habit explains the
+    wrong first attempts of the whole run: in a few variations, a habit may coincide with the blind choice.
+    """
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
     if not varied and any(trial.kind is Kind.UNFINISHED for trial in trials):
         return "The run is not finished: no trial of a variation has ended.", Kind.UNFINISHED.value, DESCRIBED
     if not varied:
         return _training_alone(diagnosis, training)
+    main = main_failure(varied)
+    found = _by_failures(diagnosis, varied, training, gap)
+    said = main is Label.VISUAL_LAYOUT_BIAS and found[1] == LEGEND[main].family
+    explained = sum(trial.label is Label.VISUAL_LAYOUT_BIAS for trial in trials) < FEW
+    settled = found[2].supported and (said or explained)
+    unused = None if settled or (main is not None and main.kind is Kind.SYSTEM) else _unused_instruction(diagnosis)
+    return unused or found
+
+
+def _by_failures(
+    diagnosis: RunDiagnosis, varied: Sequence[TrialDiagnosis], training: Figure, gap: Figure
+) -> tuple[str, str, Grounds]:
+    """Return the main sentence, its color family and its test, from the failures of the variation trials."""
+    trials = diagnosis.trials
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     weak = training.value is not None and training.value < WEAK_SHARE
@@ -281,7 +299,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         planned = sum(trial.variation is not None for trial in trials)
         nothing = _nothing_yet(len(failed), planned, gap), Kind.UNFINISHED.value, claim
         weak_training = (before, "execution", weak_claim) if weak and weak_claim.supported else None
-        return habit or weak_training or _unused_instruction(diagnosis) or nothing
+        return habit or weak_training or nothing
     entry = LEGEND[main]
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(varied, main)):

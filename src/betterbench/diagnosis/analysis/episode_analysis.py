@@ -130,8 +130,49 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target, in order of time: grasp attempts, pushes, and a stay at the end."""
+        """All steps that show a target, in order of time: grasp attempts, pushes, and a stay at the end.
+
+        Drawers that are opened for a wrong first choice are left out.
+        """
+        opened = self.opened_first
+        return tuple(s for s in self._in_order if s not in opened)
+
+    @property
+    def opened_first(self) -> tuple[Step, ...]:
+        """Attempts that open a drawer before a wrong first choice, because they belong to that choice.
+
+        A wrong drawer before a right first choice is a mistake of its own.
+        """
+        first = self.first_choice
+        if first is None or first.target is AttemptTarget.ASKED:
+            return ()
+        return tuple(s for s in self._in_order if s.grasp.start < first.grasp.start and self._opens(s))
+
+    @property
+    def _in_order(self) -> tuple[Step, ...]:
+        """All attempts, pushes and stays in order of time."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
+
+    def _opens(self, step: Step) -> bool:
+        """Return whether an attempt is at a drawer and does not push it in."""
+        return not self._may_be_choice(step) and not self.pushes_in(step)
+
+    def pushes_in(self, step: Step) -> bool:
+        """Return whether an attempt pushes a drawer in."""
+        if not self.trace.is_drawer(step.at) or step.at is None:
+            return False
+        last = min(step.grasp.release, self.trace.rows - 1)
+        return self.trace.opening(last, step.at) <= self.trace.opening(step.grasp.start, step.at) - PUSHED_IN
+
+    def _may_be_choice(self, step: Step) -> bool:
+        """Return whether an attempt can show a choice: it is at no drawer, or a drawer is to be moved for its own sake.
+
+        A drawer that is opened or closed for an object does not show which object was chosen.
+        """
+        if not self.trace.is_drawer(step.at):
+            return True
+        due = self.open_goals(0)[:1] if self.instruction.ordered else self.open_goals(0)
+        return any(self.trace.is_drawer(i) for g in due for i in self.meant[g])
 
     @property
     def idle_from(self) -> int:
@@ -160,14 +201,13 @@ class EpisodeAnalysis:
 
     @property
     def first_choice(self) -> Step | None:
-        """The first decision that is not at a drawer; opening a drawer does not show a choice yet."""
-        return next((step for step in self.decisions if not self.trace.is_drawer(step.at)), None)
+        """The first attempt, push or stay that shows a choice; a drawer moved for an object does not show one yet."""
+        return next(filter(self._may_be_choice, self._in_order), None)
 
     @property
     def first_attempt(self) -> Step | None:
-        """The reported first attempt; an attempt at a drawer that had to be moved is used only if no other exists."""
-        telling = (s for s in self.steps if not self.trace.is_drawer(s.at) or s.target is not AttemptTarget.ASKED)
-        return next(telling, self.steps[0] if self.steps else None)
+        """The reported first attempt: the first grasp attempt that shows a choice, or None."""
+        return next(filter(self._may_be_choice, self.steps), None)
 
     @property
     def off_limits(self) -> tuple[int, ...]:
@@ -470,6 +510,8 @@ class EpisodeAnalysis:
     def intention_correct(self) -> bool | None:
         """Return whether the first attempt was at a requested object, or no forbidden one was made (suite, section 4).
 
+        A wrong drawer is a wrong attempt, whatever is grasped afterward.
+
         Returns:
             None if this cannot be decided: the first closing was on nothing between two objects, or every closing was
             far from all objects.
@@ -479,7 +521,8 @@ class EpisodeAnalysis:
             return not self.steps
         if expected is Expected.REFUSE:
             return not any(s.target in (AttemptTarget.OTHER, AttemptTarget.FOREIGN) for s in self.steps)
-        first = self.first_attempt
+        telling = (s for s in self.steps if s.target is not AttemptTarget.ASKED or self._may_be_choice(s))
+        first = next(telling, self.steps[0] if self.steps else None)
         if first is None:
             return None if self.on_nothing else False
         return None if first.between is not None else first.target is AttemptTarget.ASKED
@@ -577,8 +620,9 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
 
-    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot.
-    If training picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
+    This is possible if an instructed object is about as near as the point at which demonstrations close in that slot,
+    or at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. If
+    training picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -587,8 +631,9 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     if picked is None or trace.emptied_slot(step.grasp.start, tool) != slot:
         return math.dist(tool[:2], trace.info.slot(slot).position[:2]) > THRESHOLDS.same_place
     beyond = picked.beyond(tool.tolist())
-    gaps = trace.box_distances(step.grasp.start, tool)
-    return any(gaps[i] <= beyond + DOUBT for i in _needed(trace, instruction, step.grasp))
+    row, needed = step.grasp.start, _needed(trace, instruction, step.grasp)
+    gaps, sideways = trace.box_distances(row, tool), trace.sideways_distances(row, tool)
+    return any(gaps[i] <= beyond + DOUBT or sideways[i] <= beyond for i in needed)
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:

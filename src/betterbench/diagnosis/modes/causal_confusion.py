@@ -46,6 +46,9 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     for step in episode.decisions:
         if step.target is AttemptTarget.REPEATED and not _takes_up_a_drop(episode, step):
+            missing = _missing_content(episode, step)
+            if missing is not None:
+                return episode.at_step("required_step_skipped", _without(episode, step, missing), step)
             text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."
             return episode.at_step("finished_step_repeated", text, step)
         if step.target is AttemptTarget.LATER and step.goal is not None:
@@ -57,6 +60,23 @@ def _find(trial: TrialView) -> Evidence | None:
             )
             return episode.at_step("required_step_skipped", text, step)
     return _shut_empty(episode)
+
+
+def _missing_content(episode: EpisodeAnalysis, step: Step) -> int | None:
+    """Return the open subgoal that fills the drawer of an attempt, or None if the drawer need not be filled first."""
+    drawers = (g for g, names in enumerate(episode.meant) if step.at in names)
+    fills = {j for g in drawers for j in episode.fills(g)}
+    return next((j for j in episode.open_goals(step.grasp.start) if j in fills), None)
+
+
+def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
+    """Return a sentence on an attempt at a drawer whose content is missing."""
+    does = "shuts" if episode.pushes_in(step) else "goes for"
+    content, late = episode.asked_words(missing), episode.attempted_after(missing, step.grasp.start)
+    if late:
+        return f"It {does} {episode.describe(step)} before it goes for {content}, which must be inside first."
+    more = "which must be inside first and is present."
+    return f"It {does} {episode.describe(step)} and never goes for {content}, {more}"
 
 
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:

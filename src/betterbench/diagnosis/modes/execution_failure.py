@@ -425,7 +425,7 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if an unrequested object was moved; an attempt at the object is earlier evidence.
 
     If the gripper knocks an object aside and then closes on it, the object was the target, so its harm counts from that
-    attempt on.
+    attempt on. A drawer that was opened for a wrong first choice counts from that choice on.
     """
     if not episode.harm:
         return None
@@ -434,6 +434,9 @@ def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     following = next((step for step in episode.decisions if step.grasp.start >= row), None)
     if following is not None and following.at == at:
         row = following.grasp.end
+    first = episode.first_choice
+    if first is not None and any(step.at == at for step in episode.opened_first):
+        row = max(row, first.grasp.end)
     words, it = harm.words(episode.trace.info), agreeing(episode.kind(at), "it", "they")
     text = f"{words[0].upper()}{words[1:]}; {it} should have been left alone."
     return episode.evidence("harm", text, rows=(row, row), objects=(at,))

@@ -81,6 +81,15 @@ class Motion:
         """Return the distance of a point to every object's oriented bounding box, shape (n,)."""
         return box_distances(self.info.objects, self.positions[row], self.quaternions[row], point)
 
+    def sideways_distances(self, row: int, point: Floats) -> Floats:
+        """Return the distance of a point to every object's oriented bounding box as seen from above [m], shape (n,).
+
+        The point is compared at half the height of each object; the result is exact for objects that stand upright.
+        """
+        positions = self.positions[row].copy()
+        positions[:, 2] = point[2] - np.array([0.5 * o.size_m[2] for o in self.info.objects])
+        return box_distances(self.info.objects, positions, self.quaternions[row], point)
+
     def center_distances(self, row: int, point: Floats) -> Floats:
         """Return the horizontal distance [m] of a point to every object, shape (n,)."""
         distances: Floats = np.linalg.norm(self.positions[row, :, :2] - point[:2], axis=1)
