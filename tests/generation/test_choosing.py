@@ -41,6 +41,8 @@ def test_a_sentence_that_fits_nothing_lists_the_templates():
         choose_template("Do my taxes.")
     with pytest.raises(InvalidInputError, match=r"fits several templates.*container_loading.*precision_insertion"):
         choose_template("Use the drawer and the hole.")
+    with pytest.raises(InvalidInputError, match=r"fits no template\..*a template: loose_packing \([^()]*\)\.?$"):
+        choose_template("Clean up the picnic.")
 
 
 @pytest.mark.parametrize(

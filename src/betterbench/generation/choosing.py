@@ -165,10 +165,11 @@ def choose_template(sentence: str) -> str:
         return best
     close = [name for name in ranked if scores[name] and scores[name] == scores[best]] or ranked
     shown = "; ".join(f"{name} ({TEMPLATES[name].description.rstrip('.')})" for name in close)
-    problem = (
-        f"{one_line(sentence, most=80)!r} fits {'several templates' if len(close) < len(ranked) else 'no template'}"
+    fits = "several templates" if 1 < len(close) < len(ranked) else "no template"
+    problem = f"{one_line(sentence, most=80)!r} fits {fits}"
+    raise InvalidInputError(
+        "sentence", problem, f"Name the objects and the container in English, or choose a template: {shown}"
     )
-    raise InvalidInputError("sentence", problem, f"Name the objects and the container in English, or choose a template: {shown}")
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:

@@ -71,9 +71,7 @@ def dataset_command(
 
     _require_hash(expect)
     of_suite = suite_tasks(suite)  # also with --tasks, so that the tasks of a folder are loaded
-    recipe = SetRecipe(
-        tuple(dict.fromkeys(tasks or of_suite)), regime, demos, sources, seed, noise, validation, pairs
-    )
+    recipe = SetRecipe(tuple(dict.fromkeys(tasks or of_suite)), regime, demos, sources, seed, noise, validation, pairs)
     began = time.monotonic()
     made = _make(recipe, out, workers, pictures=pictures, overwrite=overwrite)
     seconds = time.monotonic() - began
