@@ -116,9 +116,10 @@ def test_questions_are_about_the_tasks_of_the_folder(better, run, certified, tmp
 @pytest.mark.slow
 def test_a_set_of_the_folder_s_balanced_regime_is_made(better, certified, tmp_path):
     options = ("--demos", 2, "--workers", 1, "--out", tmp_path / "set")
-    better("dataset", "--suite", certified, "--regime", "balanced", *options)
+    better("dataset", "--suite", certified, "--tasks", TASK, "--regime", "balanced", *options)
     card = (tmp_path / "set" / "README.md").read_text()
     assert TASK in card
+    assert f"--task-file {certified.name} --expect" in card
     assert "each of the four words occurs" in card
 
 
@@ -139,6 +140,7 @@ def test_a_study_takes_the_tasks_of_a_suite():
     assert _plan(None, "small", "better60").tasks == suite_tasks("better60")
 
 
-def test_an_unknown_suite_is_refused(capsys):
-    assert main(["report", "nowhere", "--suite", "better6"]) == 2
+@pytest.mark.parametrize("verb", [("report",), ("dataset", "--tasks", "fast_food", "--demos", "1", "--out")])
+def test_an_unknown_suite_is_refused(capsys, tmp_path, verb):
+    assert main([*verb, str(tmp_path / "nowhere"), "--suite", "better6"]) == 2
     assert "Did you mean 'better60'" in " ".join(capsys.readouterr().err.split())

@@ -15,9 +15,11 @@ from betterbench.generation.sense import sense_problems
         ("Pack an apple, a lemon and a soda can into the lunchbox", "loose_packing"),
         ("Throw the crushed can into the bin.", "loose_packing"),
         ("Put the burger into the takeout box", "loose_packing"),
+        ("Throw the napkin and the can in the trash", "loose_packing"),
         ("Set the table for breakfast around the plate", "patterned_arrangement"),
         ("Arrange a mouse, a mug and a speaker around the laptop", "patterned_arrangement"),
         ("Put the fork left of the plate", "patterned_arrangement"),
+        ("Put the mug next to the plate", "patterned_arrangement"),
         ("Stack a burger from patty, cheese and lettuce", "logical_assembly"),
         ("Build a tower of blocks", "logical_assembly"),
         ("Stack three blocks on the plate", "logical_assembly"),
@@ -39,6 +41,8 @@ def test_a_sentence_that_fits_nothing_lists_the_templates():
         choose_template("Do my taxes.")
     with pytest.raises(InvalidInputError, match=r"fits several templates.*container_loading.*precision_insertion"):
         choose_template("Use the drawer and the hole.")
+    with pytest.raises(InvalidInputError, match=r"fits no template\..*a template: loose_packing \([^()]*\)\.?$"):
+        choose_template("Clean up the picnic.")
 
 
 @pytest.mark.parametrize(
@@ -89,6 +93,14 @@ def test_a_number_asks_for_several():
     ("sentence", "said"),
     [
         ("Put the hammer into the box", "Unknown object 'hammer'"),
+        ("Put the screwdriver next to the plate", "Unknown object 'screwdriver'"),
+        ("The stapler and a wrench go into the drawer", "Unknown object 'wrench'"),
+        ("Stack the three plates, the blue one on top", "no noun in 'the blue one'.*'the blue plate'"),
+        (
+            "Hide the sponge and the two black staplers in the lower drawer",
+            "no scenario of container_loading with these objects together: sponge, black stapler, black stapler, lower",
+        ),
+        ("Lege den roten Apfel in die Brotdose", "in English"),
         ("Put banana and apple into the box", "Unknown object 'banana'"),
         ("Put the mug into the lunchbox", "Unknown object 'mug'.*constrained_positioning"),
         ("Put the purple apple into the box", "no purple apple. Choose one of these colors: red, green, yellow"),
@@ -110,3 +122,19 @@ def test_a_sentence_that_cannot_be_used_is_one_clear_error(sentence, said):
 
 def test_a_sentence_gets_a_capital_and_a_period():
     assert checked_sentence("  pack   the lunch") == "Pack the lunch."
+    assert checked_sentence("Pack the lunch!") == "Pack the lunch."
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "Throw the crumpled napkin, the soda can and the bottle in the trash",
+        "Toss the sponge into the garbage",
+        "Throw the trash into the bin",
+        "Throw the crushed can into the trash can",
+    ],
+)
+def test_the_trash_is_a_waste_bin(sentence):
+    (scenario,) = scenarios_about(sentence, 1).scenarios
+    assert [o.tags[0] for o in scenario.groups["container"]] == ["waste bin"]
+    assert not scenario.instruction.startswith("Pack")

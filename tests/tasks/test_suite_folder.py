@@ -119,3 +119,14 @@ def test_files_of_the_folder_belong_to_its_tasks_alone(suite):
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(suite / "power.json")] * 2 + ["None"] * 4
+
+
+def test_commands_for_others_name_the_folder_without_its_place(suite):
+    code = (
+        "import sys; from betterbench.tasks import suite_tasks; tasks = suite_tasks(sys.argv[1]); "
+        "from betterbench.tasks.user_files import options_by_name; "
+        "print(options_by_name(tasks), options_by_name(['fast_food']))"
+    )
+    words = [sys.executable, "-c", code, str(suite)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stdout == f"('--task-file', '{suite.name}') ()\n", done.stderr

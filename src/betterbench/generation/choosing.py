@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -36,11 +37,11 @@ def _weighted(*, decides: str = "", hints: str) -> dict[str, int]:
 
 WEIGHTS: dict[str, dict[str, int]] = {
     "loose_packing": _weighted(
-        decides="lunchbox box bin bag basket", hints="pack throw toss into lunch picnic takeout takeaway trash"
+        decides="lunchbox box bin bag basket trash garbage", hints="pack throw toss into lunch picnic takeout takeaway"
     ),
     "patterned_arrangement": _weighted(
-        decides="laptop fork spoon cutlery",
-        hints="around beside next left right behind arrange lay set table breakfast",
+        decides="laptop fork spoon cutlery around beside next",
+        hints="left right behind arrange lay set table breakfast",
     ),
     "constrained_positioning": _weighted(decides="machine ring spout espresso", hints="coffee mug cup mark under"),
     "container_loading": _weighted(decides="drawer cabinet", hints="store file close into"),
@@ -94,7 +95,8 @@ _SYNONYMS: dict[str, str] = {
     "tape_roll": "tape roll, roll of tape",
     "tumbler": "tumbler, drinking glass",
     "upper_drawer": "drawer, top drawer",
-    "waste_bin": "bin, trash can, trash bin, wastebasket",
+    "waste_bin": "bin, trash can, trash bin, garbage can, wastebasket, "
+    "in the trash, into the trash, in the garbage, into the garbage",
 }
 """Further nouns for the categories of the grammar."""
 
@@ -131,12 +133,12 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def checked_sentence(sentence: str) -> str:
-    """Return a sentence with single spaces, a capital letter and a period.
+    """Return a sentence with single spaces, a capital letter, and a period at the end, also for an exclamation mark.
 
     Raises:
         InvalidInputError: If it is empty or too long, or has other characters than letters and plain punctuation.
     """
-    text = " ".join(sentence.split())
+    text = " ".join(sentence.split()).rstrip("! ")
     if not text or len(text) > LONGEST_INSTRUCTION:
         cure = f"Write one sentence of up to {LONGEST_INSTRUCTION} characters"
         raise InvalidInputError("sentence", f"has {len(text)} characters", cure)
@@ -163,10 +165,11 @@ def choose_template(sentence: str) -> str:
         return best
     close = [name for name in ranked if scores[name] and scores[name] == scores[best]] or ranked
     shown = "; ".join(f"{name} ({TEMPLATES[name].description.rstrip('.')})" for name in close)
-    problem = (
-        f"{one_line(sentence, most=80)!r} fits {'several templates' if len(close) < len(ranked) else 'no template'}"
+    fits = "several templates" if 1 < len(close) < len(ranked) else "no template"
+    problem = f"{one_line(sentence, most=80)!r} fits {fits}"
+    raise InvalidInputError(
+        "sentence", problem, f"Name the objects and the container in English, or choose a template: {shown}"
     )
-    raise InvalidInputError("sentence", problem, f"Name the objects and the container, or choose a template: {shown}")
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
@@ -177,6 +180,7 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
     """
     grammar = grammar_of(template)
     tokens = sentence_tokens(sentence)
+    _require_nouns(tokens)
     nouns, found, used = _nouns(template), list[Wanted](), set[int]()
     at = 0
     while at < len(tokens):
@@ -187,6 +191,14 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
         at += max(1, length)
     _require_known(tokens, used, grammar)
     return tuple(found)
+
+
+def _require_nouns(tokens: list[str]) -> None:
+    """Raise InvalidInputError for a color with "one" in place of a noun: the object that it means is not looked up."""
+    color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
+    if color:
+        cure = f"Write the noun after the color, as in 'the {color} plate'"
+        raise InvalidInputError("sentence", f"has no noun in 'the {color} one'", cure)
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str]) -> list[Wanted]:

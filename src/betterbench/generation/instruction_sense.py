@@ -38,7 +38,7 @@ a an the both all two three four five six some each every this these my your our
 _DETERMINERS = frozenset(_DETERMINERS_WORDS.split())
 _STOPS_WORDS = """
 in into inside onto on to of for from with without at by beside next near around behind under over between left and
-or so that as away up out down off back together neatly carefully , . : ( ) % is are
+or so that as away up out down off back together neatly carefully , . : ( ) % is are go belong
 """
 _STOPS = frozenset(_STOPS_WORDS.split())
 _ADJECTIVES_WORDS = """

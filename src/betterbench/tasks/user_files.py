@@ -112,6 +112,13 @@ class TaskFile:
         return f"--task-file {shell_word(self.suite or self.path)}"
 
     @property
+    def option_by_name(self) -> tuple[str, str]:
+        """Option that loads the file, with its name alone, for readers of a shared file who have it elsewhere."""
+        if self.is_asset_folder:
+            return "--asset-dir", Path(self.path).parent.name
+        return "--task-file", Path(self.suite or self.path).name
+
+    @property
     def sha256(self) -> str:
         """Fingerprint of the text."""
         return hashlib.sha256(self.source.encode()).hexdigest()
@@ -376,6 +383,13 @@ def options_for(tasks: Iterable[str]) -> str:
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 
+def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
+    """Return the options that load the files of tasks, with the names of files and folders alone, as words."""
+    hashes = {file["sha256"] for file in origins_of(tasks).get("task_files", ())}
+    options = dict.fromkeys(file.option_by_name for file in _files.values() if file.sha256 in hashes)
+    return tuple(word for option in options for word in option)
+
+
 def loading_options() -> str:
     """Return the options that load all files loaded in this process, with a leading space."""
     return "".join(f" {option}" for option in dict.fromkeys(file.option for file in _files.values()))
@@ -403,7 +417,7 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
                 "loaded, or only with another text: then give a new --out. A file in the folder of a run is not "
-                f"executed automatically; {where} with --task-file."
+                f"executed automatically; {where} with --task-file, or the folder of its suite with --suite."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):

@@ -369,8 +369,8 @@ def test_the_command_that_evaluates_names_the_files_of_ones_own_tasks(monkeypatc
     from betterbench.demonstrations.export import job
     from betterbench.demonstrations.export.layout import layout_of
 
-    told = {"task_files": [{"name": "my tasks.py", "sha256": "0"}]}
-    monkeypatch.setattr(job, "origins_of", lambda tasks: told if "my_lunch" in tasks else {})
+    told = ("--task-file", "my tasks.py")
+    monkeypatch.setattr(job, "options_by_name", lambda tasks: told if "my_lunch" in tasks else ())
     layout = layout_of("lerobot")
     assert "--task-file 'my tasks.py'" in job.evaluation_command(layout, "standard", ["my_lunch"])
     assert "--task-file" not in job.evaluation_command(layout, "standard", ["fruit_lunch"])

@@ -72,9 +72,8 @@ def dataset_command(
     from betterbench.tasks import suite_tasks
 
     _require_hash(expect)
-    recipe = SetRecipe(
-        tuple(dict.fromkeys(tasks or suite_tasks(suite))), regime, demos, sources, seed, noise, validation, pairs
-    )
+    of_suite = suite_tasks(suite)  # also with --tasks, so that the tasks of a folder are loaded
+    recipe = SetRecipe(tuple(dict.fromkeys(tasks or of_suite)), regime, demos, sources, seed, noise, validation, pairs)
     began = time.monotonic()
     made = _make(recipe, out, workers, pictures=pictures, overwrite=overwrite)
     seconds = time.monotonic() - began

@@ -39,7 +39,7 @@ from betterbench.records import Record, RunFolder
 from betterbench.records.twins import read_pairs
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, suite_tasks
-from betterbench.tasks.user_files import origins_of
+from betterbench.tasks.user_files import options_by_name
 from betterbench.version import __version__
 
 Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
@@ -434,8 +434,7 @@ def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[st
         words.append("--suite better60")
     else:
         words.append(f"--tasks {' '.join(map(shell_word, sorted(set(tasks))))} --trials 3")
-    # By name alone: a data set is shared, and its reader has the files in another place.
-    words += [f"--task-file {shell_word(file['name'])}" for file in origins_of(tasks).get("task_files", ())]
+    words += map(shell_word, options_by_name(tasks))  # a data set is shared, and its reader has the files elsewhere
     return " ".join([*words, "--out RUN"])
 
 

@@ -19,6 +19,7 @@ from betterbench.quoting import shell_line
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.interventions.regimes import Regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.user_files import options_by_name
 from betterbench.version import __version__
 
 RECIPE_VERSION = 1
@@ -81,6 +82,7 @@ class SetRecipe:
         words += ["--demos", str(self.demos), "--sources", str(self.sources), "--seed", str(self.seed)]
         words += ["--noise", f"{self.noise:g}", "--validation", f"{self.validation:g}"]
         words += ["--pairs"] if self.pairs else []
+        words += options_by_name(self.tasks)
         return shell_line([*words, "--expect", sha256])
 
 

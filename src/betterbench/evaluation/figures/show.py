@@ -16,7 +16,7 @@ from betterbench.sim.assets import build
 from betterbench.sim.assets.asset import origin_of
 from betterbench.sim.scenes import Renderer, Scene
 from betterbench.sim.scenes.stage import quality_preset
-from betterbench.tasks import Condition, Task, get_task
+from betterbench.tasks import Condition, Expected, Task, Variation, get_task
 from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
@@ -48,8 +48,7 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     test, outlined = found.condition, sorted(found.changes.objects)
     left = show_condition(task, base, seed=seed, size=size, outlined=outlined)
     right = show_condition(task, test, seed=seed, size=size, outlined=outlined)
-    # the built-in font has no arrows
-    head = f"{task.title} · {variation.name} · {variation.title.replace('→', '>')}"
+    head = f"{task.title} · {variation.name} · {_printable(variation.title)}"
     return _side_by_side(
         head,
         (f"training scene ({base.name})", base.instruction.text, left),
@@ -65,6 +64,17 @@ _RIGHT = {
 """Correct behavior in a test scene, in words."""
 
 
+def card_title(variation: Variation) -> str:
+    """Return what a variation changes, and the correct behavior if that is not to reach the goal."""
+    right = "" if variation.expected is Expected.SUCCEED else f" ({_RIGHT[variation.expected.value]})"
+    return f"{variation.name}: {_printable(variation.title)}{right}"
+
+
+def _printable(text: str) -> str:
+    """Return a text without arrows, which the built-in font does not have."""
+    return text.replace("→", ">")
+
+
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
     """Return an image as PNG or JPEG, chosen by the suffix of the name, with a comment in the header."""
     buffer = io.BytesIO()
@@ -77,11 +87,11 @@ def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
     return buffer.getvalue()
 
 
-def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Image:
-    """Return all training conditions of a task side by side."""
+def show_training(task_id: str, *, seed: int = 0, size: int = 512, columns: int = 4) -> Image.Image:
+    """Return all training conditions of a task, in rows of ``columns`` images."""
     task = get_task(task_id)
     panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training]
-    return _side_by_side(f"{task.title} · training distribution", *panels)
+    return _in_rows(f"{task.title} · training distribution", panels, columns)
 
 
 def show_card(task_id: str, *, seed: int = 0, size: int = 256, columns: int = 4) -> Image.Image:
@@ -93,10 +103,13 @@ def show_card(task_id: str, *, seed: int = 0, size: int = 256, columns: int = 4)
     for variation in task.variations:
         found = resolve_condition(task_id, variation.name)
         image = show_condition(task, found.condition, seed=seed, size=size, outlined=sorted(found.changes.objects))
-        title = f"{variation.name}: {_RIGHT[variation.expected.value]}"
-        panels.append((title, found.condition.instruction.text, image))
+        panels.append((card_title(variation), found.condition.instruction.text, image))
+    return _in_rows(task.title, panels, columns)
+
+
+def _in_rows(head: str, panels: Sequence[tuple[str, str, Image.Image]], columns: int) -> Image.Image:
     rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
-    sheets = [_side_by_side(task.title if i == 0 else "", *row) for i, row in enumerate(rows)]
+    sheets = [_side_by_side(head if i == 0 else "", *row) for i, row in enumerate(rows)]
     whole = Image.new("RGB", (max(s.width for s in sheets), sum(s.height for s in sheets)), _PAPER)
     top = 0
     for sheet in sheets:
@@ -138,26 +151,31 @@ def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Ima
     size = panels[0][2].width
     pad = size // 24
     big, small = ImageFont.load_default(size / 22), ImageFont.load_default(size / 28)
+    titles = [_wrapped(title, small, size) for title, _, _ in panels]
     lines = [wrap_text(text, small, size) for _, text, _ in panels]
     row = round(size / 20)
-    top = 2 * pad + row
-    caption = row * (1 + max(len(block) for block in lines)) + pad
+    top = 2 * pad + row if head else pad
+    caption = row * max(len(above) + len(below) for above, below in zip(titles, lines, strict=True)) + pad
     sheet = Image.new("RGB", (pad + (size + pad) * len(panels), top + size + caption + pad // 2), _PAPER)
     draw = ImageDraw.Draw(sheet)
     draw.text((pad, pad), head, fill=_INK, font=big)
-    for i, ((title, _, image), block) in enumerate(zip(panels, lines, strict=True)):
+    for i, ((_, _, image), above, below) in enumerate(zip(panels, titles, lines, strict=True)):
         x = pad + i * (size + pad)
         sheet.paste(image, (x, top))
-        draw.text((x, top + size + pad // 2), title, fill=_SOFT, font=small)
-        for j, line in enumerate(block):
-            draw.text((x, top + size + pad // 2 + (j + 1) * row), line, fill=_INK, font=small)
+        for j, line in enumerate((*above, *below)):
+            fill = _SOFT if j < len(above) else _INK
+            draw.text((x, top + size + pad // 2 + j * row), line, fill=fill, font=small)
     return sheet
 
 
 def wrap_text(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
     """Return an instruction in quotation marks, wrapped to a width [px], as lines."""
+    return _wrapped(f"“{text}”", font, width)
+
+
+def _wrapped(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
     lines: list[str] = []
-    for word in f"“{text}”".split():
+    for word in text.split():
         candidate = f"{lines[-1]} {word}" if lines else word
         if lines and font.getlength(candidate) <= width:
             lines[-1] = candidate

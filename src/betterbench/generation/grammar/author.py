@@ -83,6 +83,11 @@ def write_scenarios(
     rng = np.random.default_rng([seed, *template.encode()])
     themes = _nearest(_themes_with(grammar, wanted), about)
     drawn = list(itertools.islice(_drawn(themes, wanted, rng), count))
+    if not drawn:
+        nouns = ", ".join(want.noun for want in wanted)
+        problem = f"the grammar holds no scenario of {template} with these objects together: {nouns}"
+        cure = "Name fewer objects, or objects of other kinds or colors; or use a model with --model"
+        raise InvalidInputError("sentence", problem, cure)
     if len(drawn) < count:
         which = " with these objects" if wanted else ""
         problem = f"the grammar holds {len(drawn)} different scenarios of {template}{which}, not {count}"

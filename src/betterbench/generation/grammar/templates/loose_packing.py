@@ -10,7 +10,7 @@ GRAMMAR = register(
     Grammar(
         template=LOOSE_PACKING,
         requested="Packing the requested items",
-        general="Pack the items into the {container}.",
+        general="Put the items into the {container}.",
         themes=(
             Theme(
                 "Packing a fruit lunch",
