@@ -131,6 +131,30 @@ def test_an_unknown_object_is_refused_by_name(build) -> None:
     assert "no asset suits 'bowling ball'" in built.results[0].attempts[0].reason
 
 
+@pytest.mark.parametrize("name", ["twice", "A", "train1"])
+def test_objects_without_a_name_of_their_own_do_not_stop_the_other_scenarios(build, name: str) -> None:
+    items = tuple(dataclasses.replace(o, instance_name=name) for o in PACKING.groups["items"])
+    built, _ = build([dataclasses.replace(PACKING, groups={**PACKING.groups, "items": items}), STACKING], failing())
+    assert [r.certified for r in built.results] == [False, True]
+    assert "is also the name of" in built.results[0].attempts[0].reason
+
+
+def test_an_object_with_the_name_of_a_slot_does_not_stop_the_other_scenarios(build) -> None:
+    built, _ = build([PACKING], failing())
+    slot = built.results[0].task["slots"][0]["name"]
+    first, *items = PACKING.groups["items"]
+    named = (dataclasses.replace(first, instance_name=slot), *items)
+    built, runs = build([dataclasses.replace(PACKING, groups={**PACKING.groups, "items": named}), STACKING], failing())
+    assert [r.certified for r in built.results] in ([False, True], [True, True])
+    assert len(runs) == sum(r.certified for r in built.results)
+
+
+def test_a_wrong_name_of_the_suite_is_refused_before_the_work(build, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="'My Suite' is not a name"):
+        build_suite([PACKING], tmp_path / "out", name="My Suite")
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_same_job_gives_the_same_bytes_and_repeats_nothing(build, tmp_path: Path) -> None:
     first, runs = build([PACKING, STACKING], failing())
     assert len(runs) == 2

@@ -16,8 +16,9 @@ from betterbench.generation.building.proving import Proof, prove, provisional, w
 from betterbench.generation.building.result import Attempt, Failure, Settings
 from betterbench.generation.patterns import GeneratedTask, pattern_of
 from betterbench.generation.scenario import Scenario
+from betterbench.generation.sense import require_groups
 from betterbench.sim.assets.catalogue.search import Catalogue
-from betterbench.tasks import Task
+from betterbench.tasks import Task, task_to_json
 from betterbench.tasks.authoring.regimes import ListedRegime
 
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
@@ -67,6 +68,7 @@ def build_task(
     tried: list[GeneratedTask] = []
     for change, slots, assets in CHANGES:
         try:
+            require_groups(scenario)
             cast, chosen = cast_of(scenario, catalogue, seed=slots, attempt=assets)
             made = pattern_of(scenario.template)(cast)
             if made in tried:
@@ -82,6 +84,7 @@ def build_task(
                 attempts.append(Attempt(change, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
+                task_to_json(known)  # a task that cannot be written is refused before the long examination
                 proof = prove(known, settings.seeds, settings.demonstrations, on_step=on_step)
         except BetterError as error:
             attempts.append(Attempt(change, one_line(str(error), most=600)))

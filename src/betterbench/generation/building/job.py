@@ -35,7 +35,7 @@ from betterbench.sim.assets.catalogue.sources import open_source
 from betterbench.sim.assets.catalogue.sources.procedural import NAME
 from betterbench.sim.assets.catalogue.sources.source import SourceOptions
 from betterbench.sim.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, suite_files, task_names, task_to_json
+from betterbench.tasks import SUITE_VERSION, require_suite_name, suite_files, task_names, task_to_json
 from betterbench.tasks.demonstrated import DemonstrationsFile
 from betterbench.tasks.user_files import COMPANION_SUFFIX
 from betterbench.version import __version__
@@ -77,11 +77,12 @@ def build_suite(
         on_progress: Called at the start and after every scenario.
 
     Raises:
-        InvalidInputError: If there is no scenario, or a stored result is damaged.
+        InvalidInputError: If there is no scenario, the name has other characters, or a stored result is damaged.
         WorkerError: If worker processes keep dying.
     """
     if not scenarios:
         raise InvalidInputError("scenarios", "there are none", "Give at least one scenario")
+    require_suite_name(name)  # before hours of work
     settings = settings or Settings()
     index_sources(out / CATALOGUE, [open_source(NAME, SourceOptions())], on_progress=lambda *_: None)
     items = [
