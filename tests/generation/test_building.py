@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ from betterbench.generation.building.proving import Proof
 from betterbench.generation.building.result import BuildReport, Settings
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario import Scenario
+from betterbench.json_form import seal_of
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Task, TrialId, read_suite_folder, task_names
 from betterbench.tasks.demonstrated import Demonstrated, read_demonstrations
@@ -186,3 +188,22 @@ def test_a_damaged_result_is_named(build, tmp_path: Path) -> None:
     file.write_text("{")
     with pytest.raises(InvalidInputError, match=file.name):
         build([PACKING], failing())
+
+
+def test_a_changed_result_is_named_and_not_certified(build, tmp_path: Path) -> None:
+    built, _ = build([PACKING], failing("train1"))
+    file = tmp_path / "out" / "built" / f"{built.results[0].task_id}.json"
+    file.write_text(file.read_text().replace(PACKING.name, "Another title"))
+    with pytest.raises(InvalidInputError, match=f"{file.name}.*changed.*Remove the file"):
+        build([PACKING], failing())
+
+
+def test_a_result_of_another_version_is_made_again(build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build([PACKING], failing())
+    file = next((tmp_path / "out" / "built").iterdir())
+    form = {k: v for k, v in json.loads(file.read_text()).items() if k not in ("seal", "chosen")}
+    form |= {"key": "of another version", "new_field": 1}
+    file.write_text(json.dumps({**form, "seal": seal_of(form)}))
+    again, runs = build([PACKING], failing())
+    assert len(runs) == 1
+    assert again.results[0].certified

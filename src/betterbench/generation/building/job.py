@@ -27,7 +27,7 @@ from betterbench.generation.building.result import (
 )
 from betterbench.generation.scenario import Scenario
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
-from betterbench.json_form import dump_json, read_bounded, read_form
+from betterbench.json_form import SEAL, dump_json, open_seal, read_bounded, read_form, seal_of
 from betterbench.sim.assets import categories
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
@@ -97,7 +97,9 @@ def build_suite(
     by_id = {item.task_id: item for item in items}
 
     def keep(result: Result) -> None:
-        write_durably(out / RESULTS / f"{result.task_id}.json", dump_json(asdict(result)) + b"\n")
+        form = json.loads(dump_json(asdict(result)))
+        content = dump_json({**form, SEAL: seal_of(form)}) + b"\n"
+        write_durably(out / RESULTS / f"{result.task_id}.json", content)
         results[by_id[result.task_id]] = result
 
     (out / RESULTS).mkdir(parents=True, exist_ok=True)
@@ -169,12 +171,18 @@ def _write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None
 
 
 def _stored(out: Path, item: _Item, settings: Settings) -> Result | None:
-    """Return the stored result of a scenario, None if there is none under these settings and versions."""
+    """Return the stored result of a scenario, None if there is none under these settings and versions.
+
+    Raises:
+        InvalidInputError: If the file was changed after it was written.
+    """
     path = out / RESULTS / f"{item.task_id}.json"
     if not path.exists():
         return None
-    result = read_form(_RESULT, read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
-    return result if result.key == _key(item, settings) else None
+    form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
+    if form.get("key") != _key(item, settings):  # of other settings or another version, which may have another form
+        return None
+    return read_form(_RESULT, form, where=str(path), cure=_CURE)
 
 
 def _key(item: _Item, settings: Settings) -> str:
