@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ from betterbench.generation.building.proving import Proof
 from betterbench.generation.building.result import BuildReport, Settings
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario import Scenario
+from betterbench.json_form import seal_of
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Task, TrialId, read_suite_folder, task_names
 from betterbench.tasks.demonstrated import Demonstrated, read_demonstrations
@@ -150,6 +152,30 @@ def test_an_unknown_object_is_refused_by_name(build) -> None:
     assert "no asset suits 'bowling ball'" in built.results[0].attempts[0].reason
 
 
+@pytest.mark.parametrize("name", ["twice", "A", "train1"])
+def test_objects_without_a_name_of_their_own_do_not_stop_the_other_scenarios(build, name: str) -> None:
+    items = tuple(dataclasses.replace(o, instance_name=name) for o in PACKING.groups["items"])
+    built, _ = build([dataclasses.replace(PACKING, groups={**PACKING.groups, "items": items}), STACKING], failing())
+    assert [r.certified for r in built.results] == [False, True]
+    assert "is also the name of" in built.results[0].attempts[0].reason
+
+
+def test_an_object_with_the_name_of_a_slot_does_not_stop_the_other_scenarios(build) -> None:
+    built, _ = build([PACKING], failing())
+    slot = built.results[0].task["slots"][0]["name"]
+    first, *items = PACKING.groups["items"]
+    named = (dataclasses.replace(first, instance_name=slot), *items)
+    built, runs = build([dataclasses.replace(PACKING, groups={**PACKING.groups, "items": named}), STACKING], failing())
+    assert [r.certified for r in built.results] in ([False, True], [True, True])
+    assert len(runs) == sum(r.certified for r in built.results)
+
+
+def test_a_wrong_name_of_the_suite_is_refused_before_the_work(build, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="'My Suite' is not a name"):
+        build_suite([PACKING], tmp_path / "out", name="My Suite")
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_same_job_gives_the_same_bytes_and_repeats_nothing(build, tmp_path: Path) -> None:
     first, runs = build([PACKING, STACKING], failing())
     assert len(runs) == 2
@@ -181,3 +207,22 @@ def test_a_damaged_result_is_named(build, tmp_path: Path) -> None:
     file.write_text("{")
     with pytest.raises(InvalidInputError, match=file.name):
         build([PACKING], failing())
+
+
+def test_a_changed_result_is_named_and_not_certified(build, tmp_path: Path) -> None:
+    built, _ = build([PACKING], failing("train1"))
+    file = tmp_path / "out" / "built" / f"{built.results[0].task_id}.json"
+    file.write_text(file.read_text().replace(PACKING.name, "Another title"))
+    with pytest.raises(InvalidInputError, match=f"{file.name}.*changed.*Remove the file"):
+        build([PACKING], failing())
+
+
+def test_a_result_of_another_version_is_made_again(build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build([PACKING], failing())
+    file = next((tmp_path / "out" / "built").iterdir())
+    form = {k: v for k, v in json.loads(file.read_text()).items() if k not in ("seal", "chosen")}
+    form |= {"key": "of another version", "new_field": 1}
+    file.write_text(json.dumps({**form, "seal": seal_of(form)}))
+    again, runs = build([PACKING], failing())
+    assert len(runs) == 1
+    assert again.results[0].certified

@@ -98,3 +98,53 @@ def test_look_alikes_share_color_or_shape_and_not_the_name(catalogue: Catalogue)
 def test_what_does_not_suit_is_refused_with_the_reason(catalogue: Catalogue, scenario: Scenario, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         cast_of(scenario, catalogue)
+
+
+@pytest.mark.parametrize(
+    ("query", "category", "kind"),
+    [
+        ("coffee cup", "mug", "coffee cup"),
+        ("glass", "tumbler", "glass"),
+        ("drinking glass", "tumbler", "drinking glass"),
+        ("soft drink", "drink_cup", "soft drink"),
+        ("paper ball", "crumpled_napkin", "paper ball"),
+        ("Scotch tape", "tape_roll", "tape"),
+        ("tape roll", "tape_roll", "tape"),
+        ("red fries box", "fries_box", "fries"),
+        ("blue drink cup", "drink_cup", "drink"),
+        ("white napkin stack", "napkin_stack", "napkins"),
+        ("can", "can", "can"),
+        ("napkins", "napkin_stack", "napkins"),
+    ],
+)
+def test_the_noun_of_a_query_is_an_everyday_word_for_what_is_seen(
+    catalogue: Catalogue, query: str, category: str, kind: str
+) -> None:
+    (item,) = cast_of(packing(described(f"a {query}", query, "x", (0.02, 0.25))), catalogue)[0].groups["items"]
+    assert (item.category, item.kind) == (category, kind)
+
+
+@pytest.mark.parametrize(
+    "query",
+    ["banana", "laptop bag", "toy car", "bag of chips", "chips", "computer", "desk", "metal", "wood", "ball", "food",
+     "coffee", "apples", "two apples", "pair of mugs", "wine glass", "apple juice"],
+)  # fmt: skip
+def test_a_query_for_something_else_or_several_is_refused(catalogue: Catalogue, query: str) -> None:
+    with pytest.raises(InvalidInputError, match="no asset suits"):
+        cast_of(packing(described(f"a {query}", query, "x", (0.02, 0.25))), catalogue)
+
+
+def test_a_can_and_a_lunchbox_of_one_color_have_different_names(catalogue: Catalogue) -> None:
+    can = described("a blue can", "blue can", "can")
+    cast, _ = cast_of(packing(can, container="blue lunchbox"), catalogue)
+    assert [spec.kind for specs in cast.groups.values() for spec in specs] == ["lunchbox", "can"]
+
+
+def test_a_noun_that_fits_two_objects_gives_way_to_the_longer_one(catalogue: Catalogue) -> None:
+    both = packing(described("a blue drink cup", "drink cup", "x"), described("a blue soda can", "soda can", "y"))
+    assert [spec.kind for spec in cast_of(both, catalogue)[0].groups["items"]] == ["drink cup", "soda can"]
+
+
+def test_a_look_alike_does_not_answer_to_the_name_of_an_object(catalogue: Catalogue) -> None:
+    cast, _ = cast_of(packing(described("a blue drink", "blue drink cup", "x")), catalogue)
+    assert "can" not in {spec.category for spec in cast.look_alikes["x"]}, "a soda can is a drink too"

@@ -89,7 +89,7 @@ class _Answer:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stored(_Answer):
-    schema_version: Literal[1]
+    schema_version: Annotated[Literal[1], NO_TRUTH]
     template: str
 
 
@@ -129,11 +129,11 @@ def scenario_from_json(form: Mapping[str, Any] | bytes | str, *, where: str = "s
 
     Raises:
         InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; it names the path.
-        UnknownNameError: If there is no such template.
+        UnknownNameError: If there is no such template; it names the place.
     """
     read = read_form(_STORED, form, where=where, cure=CURE)
     if read.template not in TEMPLATES:
-        raise UnknownNameError("template", read.template, TEMPLATES)
+        raise UnknownNameError(f"template in {where}", read.template, TEMPLATES)
     return _scenario(read, read.template)
 
 

@@ -45,6 +45,17 @@ def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = 
         raise problem
 
 
+def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
+    """Raise InvalidInputError if the groups are not those of the template, or two objects have one name.
+
+    Args:
+        scenario: The scenario.
+        where: File or place of the scenario, for the error.
+    """
+    for path, problem, cure in (*_group_problems(scenario, TEMPLATES[scenario.template]), *_name_problems(scenario)):
+        raise InvalidInputError(f"{where}: {path}", problem, cure)
+
+
 def sense_problems(
     scenario: Scenario, *, where: str = "scenario", mixed: bool = False
 ) -> tuple[InvalidInputError, ...]:

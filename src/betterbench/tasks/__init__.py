@@ -29,7 +29,7 @@ from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_
 from betterbench.tasks.looks import LOOKS, Looks, looks_named
 from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
-from betterbench.tasks.suite_folder import SuiteFolder, read_suite_folder, suite_files
+from betterbench.tasks.suite_folder import SuiteFolder, read_suite_folder, require_suite_name, suite_files
 from betterbench.tasks.thresholds import THRESHOLDS, Threshold, Thresholds, threshold, threshold_table
 from betterbench.tasks.trial_id import TrialId
 
@@ -76,6 +76,7 @@ __all__ = [
     "remove_label",
     "stream",
     "suite",
+    "require_suite_name",
     "suite_files",
     "suite_tasks",
     "task_from_json",

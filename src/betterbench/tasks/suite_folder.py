@@ -34,7 +34,8 @@ _MOST_BYTES = 16 << 20
 _DIGITS = 12
 _CURE = "Get the folder again, or write the suite again"
 
-_Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+_NAME_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
+_Name = Annotated[str, Field(pattern=_NAME_PATTERN)]
 _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -72,6 +73,13 @@ class SuiteFolder:
 def is_suite_folder(path: Path | str) -> bool:
     """Return whether a path is a folder with the head of a suite."""
     return (Path(path) / HEAD).is_file()
+
+
+def require_suite_name(name: str, *, where: str = "name of the suite") -> None:
+    """Raise InvalidInputError unless a text can be the name of a suite, without the digest."""
+    if re.fullmatch(_NAME_PATTERN, name) is None:
+        cure = "Use lower-case letters, digits and '_', beginning with a letter, at most 64 characters"
+        raise InvalidInputError(where, f"{one_line(name, most=80)!r} is not a name", cure)
 
 
 def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str, dict[str, bytes]]:

@@ -46,7 +46,7 @@ def build_command(
         scenarios: Files of scenarios, or folders with such files, as better generate writes them.
         out: Folder of the build, which holds the folder of the suite.
         name: Name of the suite; a digest of its tasks is added.
-        seeds: Seeds of each condition to certify.
+        seeds: Trials of each variation to certify; better eval --trials takes up to this number.
         demonstrations: Demonstrations of the expert to measure per task.
         power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
             none.
@@ -68,24 +68,34 @@ def build_command(
 
 
 def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
-    """Return the scenarios of files and folders, in the order of the paths and then of the file names.
+    """Return the scenarios of files and folders, in the order of the paths and then of the numbers in the file names.
 
     Raises:
-        InvalidInputError: If a path does not exist, a folder holds no scenario, or a file is no scenario.
+        InvalidInputError: If a path does not exist, a folder holds no scenario, a file is no scenario, or its objects
+            do not have the groups of the template or names of their own.
     """
     from betterbench.generation.scenario_form import scenario_from_json
+    from betterbench.generation.sense import require_groups
     from betterbench.json_form import read_bounded
 
     cure = "Name a folder that better generate has written"
     found = []
     for path in paths:
         folder = path / "scenarios" if (path / "scenarios").is_dir() else path
-        files = sorted(folder.glob("*.json")) if folder.is_dir() else [path]
+        files = sorted(folder.glob("*.json"), key=_by_number) if folder.is_dir() else [path]
         if not files:
             raise InvalidInputError(str(path), "the folder has no scenario", cure)
         for file in files:
-            found.append(scenario_from_json(read_bounded(file, max_bytes=1 << 20, cure=cure), where=str(file)))
+            scenario = scenario_from_json(read_bounded(file, max_bytes=1 << 20, cure=cure), where=str(file))
+            require_groups(scenario, where=str(file))
+            found.append(scenario)
     return found
+
+
+def _by_number(file: Path) -> tuple[int, str]:
+    """Order "1000_name.json" after "999_name.json", and files without a number last."""
+    number = file.name.partition("_")[0]
+    return (int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 10**10), file.name
 
 
 def build_and_tell(
@@ -106,9 +116,12 @@ def build_and_tell(
     from betterbench.generation.building.result import Settings
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.report.pages.build_page import write_build_page
+    from betterbench.tasks import require_suite_name
 
     settings = Settings(_between("--seeds", seeds, 1, 1000), _between("--demonstrations", demonstrations, 1, 10_000))
-    processes = workers or os.cpu_count() or 1
+    _between("--power", power, 0, 1000)
+    processes = _between("--workers", workers, 1, 256) if workers is not None else os.cpu_count() or 1
+    require_suite_name(name, where="--name")
     prepare_robot("panda")
     with OutputFolder(out, "build", overwrite=overwrite):
         with progress_bar("build", len(scenarios)) as (bar, task):
@@ -123,7 +136,7 @@ def build_and_tell(
         cards, matrix = {}, None
         if built.suite is not None:
             cards = _draw_cards(built, out)
-            matrix = _measure_power(built, out, _between("--power", power, 0, 1000), processes) if power else None
+            matrix = _measure_power(built, out, power, processes) if power else None
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
 

@@ -16,8 +16,9 @@ from betterbench.generation.building.proving import Proof, prove, provisional, w
 from betterbench.generation.building.result import Attempt, Failure, Settings
 from betterbench.generation.patterns import GeneratedTask, pattern_of
 from betterbench.generation.scenario import Scenario
+from betterbench.generation.sense import require_groups
 from betterbench.sim.assets.catalogue.search import Catalogue
-from betterbench.tasks import Task
+from betterbench.tasks import Task, task_to_json
 from betterbench.tasks.authoring.regimes import ListedRegime
 
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
@@ -90,6 +91,7 @@ def build_task(
         if more and not (attempts and attempts[-1].failures and all(f.clause == "b" for f in attempts[-1].failures)):
             continue
         try:
+            require_groups(scenario)
             cast, chosen = cast_of(scenario, catalogue, seed=change.slots, attempt=change.assets)
             made = pattern_of(scenario.template)(cast)
             if made in tried and not more:
@@ -105,6 +107,7 @@ def build_task(
                 attempts.append(Attempt(change.words, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
+                task_to_json(known)  # a task that cannot be written is refused before the long examination
                 number = max(settings.demonstrations, len(known.training)) * change.demonstrations
                 proof = prove(known, settings.seeds, number, on_step=on_step)
         except BetterError as error:

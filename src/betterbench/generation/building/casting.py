@@ -24,6 +24,7 @@ from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.condition import ObjectSpec, Role
 from betterbench.tasks.relations import RELATIONS
+from betterbench.tasks.words import is_plural
 
 WIDEST_GRASP_M = 0.075
 """Largest width of an item between the pads [m]; the gripper opens 80 mm, and a finger needs 2.5 mm on its side."""
@@ -47,6 +48,16 @@ striped sturdy tall thick thin tiny typical unopened whole wide wooden
 """
 ADJECTIVES = frozenset(_ADJECTIVES.split())
 """Words of a query that describe an object and do not name it."""
+
+_PROPERTIES = """
+adhesive appliance audio bathroom beef breakfast chips cleaning coffee desk fixture food furniture glass
+medicine metal office paper pharmacy plain plastic salad steel stationery trash typing wood
+"""
+PROPERTIES = frozenset(tuple(terms(word)) for word in _PROPERTIES.split())
+"""Tags with a material, a place or a use, which no person would call the object by: "glass" of a jar, "desk" of a mouse.
+"chips" are potato chips in American English, and no fries."""
+_COUNTS = frozenset("both couple dozen five four pair several six three two".split())
+"""Words of a query for several objects."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,13 +161,38 @@ def _fitting(
 
 def _name_problem(query: str, entry: CatalogueEntry) -> str:
     """Return a message if a word of a query, apart from adjectives, fits neither the names nor the text of an asset."""
+    words = query.lower().split()
+    if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
+        return "it is one object, and the query is for several"
     known = set(terms(f"{entry.name} {' '.join(entry.tags)} {entry.description} {entry.color}"))
+    uncolored = tuple(word for word in terms(query) if word not in COLORS) or tuple(terms(query))
+    named = (*(word for word in uncolored[:-1] if word not in ADJECTIVES), *uncolored[-1:])
+    if len(named) == 1 and uncolored not in _phrases(entry.tags) and not _is_named(named, entry):
+        return f"it is not called {named[0]!r}"
     for concept in understood(query).concepts:
         phrases = [phrase for phrase, _ in concept.alternatives]
         said = set(phrases[0]) - ADJECTIVES
         if said and not any(set(phrase) <= known for phrase in (tuple(said), *phrases)):
             return f"it is not called {' '.join(phrases[0])!r}"
     return ""
+
+
+def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
+    return word in f"{entry.name} {' '.join(entry.tags)}".lower().split()
+
+
+def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
+    """Return tags as terms, without those that only name a property."""
+    return {tuple(terms(tag)) for tag in tags[:_SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - PROPERTIES)
+
+
+def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
+    """Return whether a single word or a synonym of it is the last word of an asset's name, or a tag that names it."""
+    names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
+    if word in names or word in PROPERTIES:
+        return word in names
+    synonyms = {phrase for concept in understood(word[0]).concepts for phrase, _ in concept.alternatives}
+    return bool((synonyms - {word}) & (names | {tuple(terms(entry.name))}))
 
 
 def _asset(entry: CatalogueEntry) -> Asset:
@@ -207,7 +243,7 @@ def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt:
 
 def _kinds(chosen: Sequence[Choice]) -> list[str]:
     """Return the noun phrase of each object; colors distinguish objects whose nouns do not."""
-    nouns = [_noun(choice) for choice in chosen]
+    nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):
         alike = [j for j, other in enumerate(chosen) if j != i and other.entry.category == choice.entry.category]
@@ -228,12 +264,30 @@ def _kinds(chosen: Sequence[Choice]) -> list[str]:
     return kinds
 
 
+def _nouns(chosen: Sequence[Choice]) -> list[str]:
+    """Return the noun of each object.
+
+    A name that spells out the asset, as "fries box", gives way to the everyday noun ("fries") unless this noun fits
+    another object too.
+    """
+    nouns = []
+    for i, choice in enumerate(chosen):
+        noun, everyday = _noun(choice), noun_of(choice.entry)
+        spelled = set(terms(noun)) == set(terms(choice.entry.name))
+        others = [other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category]
+        unclear = any(_answers_to(everyday, entry) for entry in others)
+        nouns.append(everyday if spelled and not unclear else noun)
+    return nouns
+
+
 def _answers_to(noun: str, entry: CatalogueEntry) -> bool:
     """Return whether an asset may be called by a noun."""
     names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
     concepts = understood(noun).concepts
     said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
-    if len(said) == 1:  # the search leaves "can" out of "trash can"
+    if not said:  # the search ignores "can" as a verb
+        said = [[tuple(terms(noun))]]
+    elif len(said) == 1:  # and leaves it out of "trash can"
         said[0][0] = tuple(terms(noun))
     return all(any(set(phrase) <= name for phrase in phrases for name in names) for phrases in said)
 
@@ -279,11 +333,13 @@ def _look_alikes(
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})
     called = {word for spec in present for word in _names(spec.kind, rows.get(spec.name))}
+    kinds = {" ".join(word for word in spec.kind.split() if word not in COLORS) or spec.kind for spec in present}
     for item in (spec for spec in present if spec.role == "item"):
         ranked = sorted(
             (-likeness, entry.id, entry)
             for entries in candidates.values()
             if called.isdisjoint(_names(noun_of(entries[0]), entries[0]))
+            and not any(_answers_to(kind, entries[0]) for kind in kinds)
             for likeness, entry in [_most_alike(item, entries)]
             if likeness > 0.0
         )

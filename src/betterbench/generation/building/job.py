@@ -27,7 +27,7 @@ from betterbench.generation.building.result import (
 )
 from betterbench.generation.scenario import Scenario
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
-from betterbench.json_form import dump_json, read_bounded, read_form
+from betterbench.json_form import SEAL, dump_json, open_seal, read_bounded, read_form, seal_of
 from betterbench.sim.assets import categories
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
@@ -35,7 +35,7 @@ from betterbench.sim.assets.catalogue.sources import open_source
 from betterbench.sim.assets.catalogue.sources.procedural import NAME
 from betterbench.sim.assets.catalogue.sources.source import SourceOptions
 from betterbench.sim.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, suite_files, task_names, task_to_json
+from betterbench.tasks import SUITE_VERSION, require_suite_name, suite_files, task_names, task_to_json
 from betterbench.tasks.demonstrated import DemonstrationsFile
 from betterbench.tasks.user_files import COMPANION_SUFFIX
 from betterbench.version import __version__
@@ -77,11 +77,12 @@ def build_suite(
         on_progress: Called at the start and after every scenario.
 
     Raises:
-        InvalidInputError: If there is no scenario, or a stored result is damaged.
+        InvalidInputError: If there is no scenario, the name has other characters, or a stored result is damaged.
         WorkerError: If worker processes keep dying.
     """
     if not scenarios:
         raise InvalidInputError("scenarios", "there are none", "Give at least one scenario")
+    require_suite_name(name)  # before hours of work
     settings = settings or Settings()
     index_sources(out / CATALOGUE, [open_source(NAME, SourceOptions())], on_progress=lambda *_: None)
     items = [
@@ -96,7 +97,9 @@ def build_suite(
     by_id = {item.task_id: item for item in items}
 
     def keep(result: Result) -> None:
-        write_durably(out / RESULTS / f"{result.task_id}.json", dump_json(asdict(result)) + b"\n")
+        form = json.loads(dump_json(asdict(result)))
+        content = dump_json({**form, SEAL: seal_of(form)}) + b"\n"
+        write_durably(out / RESULTS / f"{result.task_id}.json", content)
         results[by_id[result.task_id]] = result
 
     (out / RESULTS).mkdir(parents=True, exist_ok=True)
@@ -168,12 +171,18 @@ def _write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None
 
 
 def _stored(out: Path, item: _Item, settings: Settings) -> Result | None:
-    """Return the stored result of a scenario, None if there is none under these settings and versions."""
+    """Return the stored result of a scenario, None if there is none under these settings and versions.
+
+    Raises:
+        InvalidInputError: If the file was changed after it was written.
+    """
     path = out / RESULTS / f"{item.task_id}.json"
     if not path.exists():
         return None
-    result = read_form(_RESULT, read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
-    return result if result.key == _key(item, settings) else None
+    form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
+    if form.get("key") != _key(item, settings):  # of other settings or another version, which may have another form
+        return None
+    return read_form(_RESULT, form, where=str(path), cure=_CURE)
 
 
 def _key(item: _Item, settings: Settings) -> str:

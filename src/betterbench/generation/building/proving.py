@@ -11,6 +11,7 @@ from typing import TypeVar
 from betterbench.certification.certificate import CLAUSES, TrialCertificate
 from betterbench.certification.demonstrations import demonstrate, planned_demonstrations, summed_up
 from betterbench.certification.examine import examine
+from betterbench.evaluation import make_plan
 from betterbench.generation.building.result import Failure
 from betterbench.tasks import Task, TrialId
 from betterbench.tasks.authoring.registry import registered_for_now
@@ -72,7 +73,8 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
 
     Args:
         task: The task, registered.
-        seeds: Number of seeds of each condition, from 0.
+        seeds: Trials of each variation, from seed 0. The trials are those of ``better eval --trials``: the training
+            conditions together have as many as the variations.
         demonstrations: Number of demonstrations, at least one for each training condition.
         on_step: Called with the name of each trial before it is run.
     """
@@ -82,16 +84,19 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
     found += [_said(on_step, trial, lambda t: demonstrate(t, so_far)) for trial in later]
     measured = summed_up(task, found)
     solved = {demonstration.condition for demonstration in found if not demonstration.problem}
-    training = [c.name for c in task.training]
-    unsolved = [name for name in training if name not in solved]
-    certificates: list[TrialCertificate] = []
+    planned = [TrialId(t.task, t.condition, t.seed) for t in make_plan("expert", tasks=[task.id], trials=seeds).trials]
+    training = [trial for trial in planned if trial.condition in {c.name for c in task.training}]
+    variations = [trial for trial in planned if trial not in set(training)]
+    unsolved = [trial for trial in training if trial.condition not in solved]
+    certificates: dict[TrialId, TrialCertificate] = {}
     with measured_so_far(task.id, measured):
-        for names in (unsolved, training, [v.name for v in task.variations]):
-            trials = [TrialId(task.id, name, seed) for name in names for seed in range(seeds)]
-            certificates += [_said(on_step, trial, examine) for trial in trials]
-            if not all(certificate.passed for certificate in certificates):
+        for trials in (unsolved, training, variations):
+            for trial in trials:
+                if trial not in certificates:
+                    certificates[trial] = _said(on_step, trial, examine)
+            if not all(certificate.passed for certificate in certificates.values()):
                 break
-    return Proof(measured, demonstrations, tuple(certificates))
+    return Proof(measured, demonstrations, tuple(certificates.values()))
 
 
 def _said(on_step: Callable[[str], None] | None, trial: TrialId, work: Callable[[TrialId], _FoundT]) -> _FoundT:

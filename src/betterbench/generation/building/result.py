@@ -18,7 +18,7 @@ class Settings:
     """Settings of a build.
 
     Attributes:
-        seeds: Seeds of each condition that are certified, from 0.
+        seeds: Trials of each variation that are certified, from seed 0.
         demonstrations: Demonstrations that are measured; at least one for each training condition.
     """
 

@@ -102,6 +102,9 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
     words = terms(text)
     known = word_list()
     head = _head(words)
+    only_can = head < 0 and words[-1:] == ["can"]  # "a red can": elsewhere "can" is mostly a verb
+    if only_can:
+        head = len(words) - 1
     concepts: list[Concept] = []
     readings = [text]
     at = 0
@@ -109,7 +112,7 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if _is_phrase(words, at, n, known)), 1)
         phrase = tuple(words[at : at + length])
         means = known.get(phrase, ())
-        if means or (phrase[0] not in _SAYS_LITTLE):
+        if means or phrase[0] not in _SAYS_LITTLE or (only_can and at == head):
             own = tuple(word for word in phrase if word not in _SAYS_LITTLE)
             first = (((own or phrase), 1.0),)
             concepts.append(Concept(_weight(phrase, at, length, head), (*first, *means)))

@@ -1,0 +1,88 @@
+"""Files and options of ``better build`` are checked before a task is built."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+
+from betterbench.cli.verbs.build import build_command, read_scenarios
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.generation.grammar import write_scenarios
+from betterbench.generation.scenario_form import scenario_to_json
+
+PACKING = scenario_to_json(write_scenarios("loose_packing", 1, seed=0)[0])
+
+
+def written(folder: Path, name: str, **changes: object) -> Path:
+    path = folder / name
+    path.write_text(json.dumps({**copy.deepcopy(PACKING), **changes}))
+    return path
+
+
+def groups(**changes: object) -> dict[str, object]:
+    return {key: value for key, value in {**PACKING["instantiation"], **changes}.items() if value is not None}
+
+
+ITEMS = PACKING["instantiation"]["items"]
+
+
+@pytest.mark.parametrize(
+    ("instantiation", "said"),
+    [
+        (groups(ghosts=ITEMS), "Unknown group 'ghosts'"),
+        (groups(container=None), "instantiation.container: has 0 objects"),
+        (groups(items=[]), "instantiation.items: has 0 objects"),
+        (groups(items=[ITEMS[0], ITEMS[0], ITEMS[1]]), "is also the name of instantiation.items[0]"),
+    ],
+)
+def test_objects_that_the_template_cannot_use_are_named_with_the_file(tmp_path, instantiation, said) -> None:
+    path = written(tmp_path, "001_packing.json", instantiation=instantiation)
+    with pytest.raises(InvalidInputError) as caught:
+        read_scenarios([path])
+    assert str(caught.value).startswith(f"{path}: ")
+    assert said in str(caught.value)
+
+
+def test_an_unknown_template_is_named_with_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path, "001_packing.json", template="loose_pack")
+    with pytest.raises(UnknownNameError, match="Did you mean 'loose_packing'") as caught:
+        read_scenarios([path])
+    assert str(path) in str(caught.value)
+
+
+def test_a_version_that_is_a_boolean_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="schema_version"):
+        read_scenarios([written(tmp_path, "001_packing.json", schema_version=True)])
+
+
+def test_scenarios_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    numbers = (2, 999, 1000, 1001)
+    for number in numbers:
+        written(tmp_path, f"{number:03d}_packing.json", scenario_name=f"Number {number}")
+    written(tmp_path, "notes.json", scenario_name="Notes")
+    assert [s.name for s in read_scenarios([tmp_path])] == [*(f"Number {n}" for n in numbers), "Notes"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"power": -1}, "--power: -1"),
+        ({"workers": 0}, "--workers: 0"),
+        ({"workers": -1}, "--workers: -1"),
+        ({"workers": 300}, "--workers: 300"),
+        ({"seeds": 0}, "--seeds: 0"),
+        ({"demonstrations": 0}, "--demonstrations: 0"),
+        ({"name": "My Suite"}, "--name: 'My Suite'"),
+        ({"name": "../up"}, "--name: '../up'"),
+        ({"name": "kitchen\n"}, "--name: 'kitchen"),
+    ],
+)
+def test_wrong_options_are_refused_before_the_folder_is_made(tmp_path: Path, options, said: str) -> None:
+    path = written(tmp_path, "001_packing.json")
+    with pytest.raises(InvalidInputError) as caught:
+        build_command((path,), out=tmp_path / "out", **options)
+    assert said in str(caught.value)
+    assert not (tmp_path / "out").exists()
