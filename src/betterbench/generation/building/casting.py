@@ -274,7 +274,9 @@ def _nouns(chosen: Sequence[Choice]) -> list[str]:
     for i, choice in enumerate(chosen):
         noun, everyday = _noun(choice), noun_of(choice.entry)
         spelled = set(terms(noun)) == set(terms(choice.entry.name))
-        others = [other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category]
+        others = [
+            other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category
+        ]
         unclear = any(_answers_to(everyday, entry) for entry in others)
         nouns.append(everyday if spelled and not unclear else noun)
     return nouns
