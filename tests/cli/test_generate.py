@@ -46,6 +46,21 @@ def test_a_sentence_makes_one_scenario_with_its_objects(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("sentence", "said"),
+    [
+        ("Grab the fruit and put it into the lunchbox", "which begins with 'Grab', which is not a known verb"),
+        ("Pack an apple, an orange and a lemon into the lunchbox", "which lists all 3 objects of the group 'items'."),
+        ("Put the fruit into the lunchbox", ""),
+    ],
+)
+def test_it_is_said_why_a_sentence_is_not_the_instruction(capsys, tmp_path, sentence, said):
+    assert main(["generate", sentence, "--out", str(tmp_path / "fruit")]) == 0
+    shown = " ".join("".join(capsys.readouterr()).split())
+    assert ("The instruction is not your sentence" in shown) == bool(said)
+    assert said in shown
+
+
+@pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["loose_paking"], "Unknown template 'loose_paking'. Did you mean 'loose_packing'"),

@@ -120,6 +120,7 @@ def test_a_set_of_the_folder_s_balanced_regime_is_made(better, certified, tmp_pa
     card = (tmp_path / "set" / "README.md").read_text()
     assert TASK in card
     assert f"--task-file {certified.name} --expect" in card
+    better("dataset", "--suite", certified, "--tasks", TASK, "--regime", "balanced", *options)  # resumes
     assert "each of the four words occurs" in card
 
 

@@ -72,9 +72,9 @@ def test_the_objects_of_the_sentence_are_in_every_scenario(sentence, names):
 def test_a_sentence_is_the_instruction_if_it_states_the_goal_and_otherwise_not():
     goal = scenarios_about("put the fruit into the blue lunchbox", 2)
     assert {s.instruction for s in goal.scenarios} == {"Put the fruit into the blue lunchbox."}
-    assert goal.is_worded
+    assert goal.reworded == ""
     listed = scenarios_about("Pack the apple, the lemon and the soda can into the lunchbox", 2)
-    assert not listed.is_worded
+    assert listed.reworded == "lists all 3 objects of the group 'items'"
     assert all("apple" not in s.instruction for s in listed.scenarios)
 
 

@@ -109,13 +109,12 @@ class Chosen:
     """Scenarios from a sentence.
 
     Attributes:
-        is_worded: Whether the sentence is the instruction; otherwise it lists steps or objects, and the grammar's
-            wording is used.
+        reworded: Why the sentence is not the instruction, so that the grammar's wording is used; empty if it is.
     """
 
     template: str
     scenarios: tuple[Scenario, ...]
-    is_worded: bool
+    reworded: str
 
 
 def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
@@ -128,8 +127,9 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
     template = choose_template(text)
     found = write_scenarios(template, count, seed=seed, wanted=wanted_in(text, template), about=text)
     worded = tuple(replace(scenario, instruction=text) for scenario in found)
-    fits = not any(any(instruction_problems(s, TEMPLATES[template])) for s in worded)
-    return Chosen(template, worded if fits else found, fits)
+    problems = (problem for s in worded for _, problem, _ in instruction_problems(s, TEMPLATES[template]))
+    reworded = next(problems, "")
+    return Chosen(template, found if reworded else worded, reworded)
 
 
 def checked_sentence(sentence: str) -> str:

@@ -107,14 +107,14 @@ class Generated:
         scenarios: Scenarios by number, from 1.
         files: Their files.
         refused: Scenarios that the model did not get right.
-        is_worded: Whether a given sentence is the instruction of the scenarios.
+        reworded: Why a given sentence is not the instruction of the scenarios; empty if it is, or if a model was asked.
     """
 
     template: str
     scenarios: Mapping[int, Scenario]
     files: Mapping[int, Path]
     refused: tuple[Refused, ...] = field(default=())
-    is_worded: bool = False
+    reworded: str = ""
 
 
 def generate_scenarios(
@@ -153,7 +153,7 @@ def generate_scenarios(
         else:
             made = written
         files = {number: _write(out, number, scenario) for number, scenario in made.scenarios.items()}
-    return Generated(made.template, made.scenarios, files, made.refused, made.is_worded)
+    return Generated(made.template, made.scenarios, files, made.refused, made.reworded)
 
 
 def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
@@ -174,7 +174,7 @@ def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
 def _offline(settings: GenerateSettings, sentence: str) -> Generated:
     if sentence:
         chosen = scenarios_about(sentence, settings.count, seed=settings.seed)
-        return Generated(chosen.template, _numbered(chosen.scenarios), {}, is_worded=chosen.is_worded)
+        return Generated(chosen.template, _numbered(chosen.scenarios), {}, reworded=chosen.reworded)
     written = write_scenarios(settings.target, settings.count, seed=settings.seed)
     return Generated(settings.target, _numbered(written), {})
 

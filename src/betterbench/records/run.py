@@ -555,7 +555,10 @@ def keep_copies(path: Path) -> None:
             write_durably(path / COPIES / file.copy_name, file.source.encode())
         if file.demonstrations is not None:
             measured = (path / COPIES / file.copy_name).with_suffix(COMPANION_SUFFIX)
-            write_durably(measured, file.demonstrations.encode())
+            content = file.demonstrations.encode()
+            # a resumed data set does not list this file as its own and must not replace it
+            if not measured.exists() or measured.read_bytes() != content:
+                write_durably(measured, content)
 
 
 def _safe_name(what: str, name: str) -> str:

@@ -96,6 +96,8 @@ def _tell(made: Generated, out: Path, *, json: bool) -> None:
         for number, s in made.scenarios.items()
     ]
     print_table(("scenario", "context", "instruction", "objects"), rows, title=f"{made.template}:")
+    if made.reworded:
+        say(f"The instruction is not your sentence, which {made.reworded}.")
     for left_out in made.refused:
         say(f"scenario {left_out.number} was refused after {left_out.tries} tries: {left_out.problem}")
     OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)
