@@ -54,9 +54,9 @@ adhesive appliance audio bathroom beef breakfast chips cleaning coffee desk fixt
 medicine metal office paper pharmacy plain plastic salad steel stationery trash typing wood
 """
 PROPERTIES = frozenset(tuple(terms(word)) for word in _PROPERTIES.split())
-"""Tags with a material, a place or a use, which no person would call the object by: "glass" of a jar, "desk" of a mouse.
+"""Tags with a material, a place or a use, which are no names of the object: "glass" of a jar, "desk" of a mouse.
 "chips" are potato chips in American English, and no fries."""
-_COUNTS = frozenset("both couple dozen five four pair several six three two".split())
+_COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several", "six", "three", "two"})
 """Words of a query for several objects."""
 
 
@@ -274,7 +274,9 @@ def _nouns(chosen: Sequence[Choice]) -> list[str]:
     for i, choice in enumerate(chosen):
         noun, everyday = _noun(choice), noun_of(choice.entry)
         spelled = set(terms(noun)) == set(terms(choice.entry.name))
-        others = [other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category]
+        others = [
+            other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category
+        ]
         unclear = any(_answers_to(everyday, entry) for entry in others)
         nouns.append(everyday if spelled and not unclear else noun)
     return nouns
