@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ from betterbench.generation.building.result import BuildReport, Settings
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario import Scenario
 from betterbench.json_form import seal_of
+from betterbench.report.pages.build_page import write_build_page
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Task, TrialId, read_suite_folder, task_names
 from betterbench.tasks.demonstrated import Demonstrated, read_demonstrations
@@ -226,3 +228,30 @@ def test_a_result_of_another_version_is_made_again(build, tmp_path: Path, monkey
     again, runs = build([PACKING], failing())
     assert len(runs) == 1
     assert again.results[0].certified
+
+
+@pytest.mark.parametrize("certified", [True, False])
+def test_no_text_of_a_scenario_is_markup_on_the_page_or_a_name_of_a_file(
+    build, tmp_path: Path, certified: bool
+) -> None:
+    evil = """<script>alert("1")</script> {{ 7*7 }} '"><img src=x> ../../up $(id)"""
+    items = PACKING.groups["items"]
+    said = tuple(dataclasses.replace(o, description=f"{o.description} {evil}", tags=(evil,)) for o in items)
+    if not certified:
+        said = (dataclasses.replace(said[0], asset_query=evil), *said[1:])
+    scenario = dataclasses.replace(
+        PACKING, name=evil, instruction=evil, context=evil, groups={**PACKING.groups, "items": said}
+    )
+    built, _ = build([scenario], failing())
+    assert built.results[0].certified == certified
+    settings = Settings(2, 4)
+    page = write_build_page(built, tmp_path / "suite.html", settings=settings, cards={}).read_text()
+    assert "<script" not in page
+    assert "<img" not in page
+    assert "49" not in page.split("<body>")[1]
+    assert "&lt;script&gt;" in page
+    files = [p for p in (tmp_path / "out").rglob("*") if "catalogue" not in p.parts]
+    assert all(re.fullmatch(r"\.?[a-z0-9_.-]+", p.name) for p in files)
+    for result in built.results:
+        form = {key: value for key, value in (result.task or {}).items() if key not in ("description", "title")}
+        assert not any(text in json.dumps(form) for text in ("<script", "{{", "$(", "../")), "patterns word the rest"

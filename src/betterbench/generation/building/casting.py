@@ -54,9 +54,9 @@ adhesive appliance audio bathroom beef breakfast chips cleaning coffee desk fixt
 medicine metal office paper pharmacy plain plastic salad steel stationery trash typing wood
 """
 PROPERTIES = frozenset(tuple(terms(word)) for word in _PROPERTIES.split())
-"""Tags with a material, a place or a use, which no person would call the object by: "glass" of a jar, "desk" of a mouse.
+"""Tags with a material, a place or a use, which are no names of the object: "glass" of a jar, "desk" of a mouse.
 "chips" are potato chips in American English, and no fries."""
-_COUNTS = frozenset("both couple dozen five four pair several six three two".split())
+_COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several", "six", "three", "two"})
 """Words of a query for several objects."""
 
 
