@@ -12,7 +12,10 @@ What = Literal["suites", "tasks", "variations", "policies", "assets", "templates
 
 
 def list_command(
-    what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="WHAT")], *, json: bool = False
+    what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="WHAT")],
+    *,
+    tasks: tuple[str, ...] = (),
+    json: bool = False,
 ) -> None:
     """List suites, tasks, variations, policies, assets or templates.
 
@@ -20,9 +23,10 @@ def list_command(
 
     Args:
         what: suites, tasks, variations, policies, assets or templates.
+        tasks: Tasks to list, or whose variations to list; all loaded tasks if none is named.
         json: Print one JSON document instead of a table.
     """
-    columns, rows = _table(what)
+    columns, rows = _table(what, tasks)
     if json:
         print_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
@@ -54,7 +58,7 @@ def list_command(
         OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis must find", markup=False)
 
 
-def _table(what: What) -> tuple[list[str], list[list[str]]]:
+def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str]]]:
     """Return the columns and rows of a list."""
     if what == "suites":
         return ["suite", "world", "installed", "tasks", "what it is"], _suites()
@@ -68,9 +72,9 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 
         assets = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
         return ["asset", "looks", "colors"], assets
-    from betterbench.tasks import TEMPLATES, all_tasks
+    from betterbench.tasks import TEMPLATES, all_tasks, get_task
 
-    tasks = all_tasks()
+    tasks = [get_task(name) for name in names] if names else all_tasks()
     if what == "tasks":
         return ["task", "title", "template", "training", "variations", "description"], [
             [t.id, t.title, t.template.title, str(len(t.training)), str(len(t.variations)), t.description]
