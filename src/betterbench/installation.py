@@ -29,9 +29,10 @@ _CALIBRATION = "betterbench_calibration"
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 
 VERBS = (
-    "doctor", "list", "assets", "review", "worlds", "premise", "show", "generate", "certify", "calibrate", "eval",
-    "collect", "teleop", "amplify", "dataset", "train", "study", "shortcuts", "diagnose", "compare", "report",
-    "export", "recipe", "mixture", "materialize", "view", "vqa", "replay", "serve", "demo", "audit-paper",
+    "doctor", "list", "assets", "review", "worlds", "premise", "import-better", "show", "generate", "build",
+    "certify", "calibrate", "eval", "collect", "teleop", "amplify", "dataset", "train", "study", "shortcuts",
+    "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "replay", "serve",
+    "demo", "audit-paper",
 )  # fmt: skip
 """The verbs of the command line, in the order of its overview."""
 

@@ -193,8 +193,8 @@ def test_the_help_names_the_usual_numbers(capsys):
     with pytest.raises(SystemExit):
         main(["serve", "--help"])
     shown = " ".join(re.sub(r"[^\w.;]+", " ", capsys.readouterr().out).split())
-    assert f"of an expert; {DEFAULT_CHUNK} if not given" in shown
-    assert f"policies that implement it; {MAX_BATCH} if not given" in shown
+    assert f"per expert answer; default {DEFAULT_CHUNK}." in shown
+    assert f"policies that implement it; default {MAX_BATCH}." in shown
 
 
 def test_a_port_in_use_is_one_clear_error(capsys):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from betterbench.cli.border import guarded
 from betterbench.cli.verbs.build import build_command, read_scenarios
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.generation.grammar import write_scenarios
@@ -83,6 +84,6 @@ def test_scenarios_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
 def test_wrong_options_are_refused_before_the_folder_is_made(tmp_path: Path, options, said: str) -> None:
     path = written(tmp_path, "001_packing.json")
     with pytest.raises(InvalidInputError) as caught:
-        build_command((path,), out=tmp_path / "out", **options)
+        guarded(build_command)((path,), out=tmp_path / "out", **options)
     assert said in str(caught.value)
     assert not (tmp_path / "out").exists()

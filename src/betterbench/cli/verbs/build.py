@@ -118,9 +118,8 @@ def build_and_tell(
     from betterbench.report.pages.build_page import write_build_page
     from betterbench.tasks import require_suite_name
 
-    settings = Settings(_between("--seeds", seeds, 1, 1000), _between("--demonstrations", demonstrations, 1, 10_000))
-    _between("--power", power, 0, 1000)
-    processes = _between("--workers", workers, 1, 256) if workers is not None else os.cpu_count() or 1
+    settings = Settings(seeds, demonstrations)
+    processes = workers or os.cpu_count() or 1
     require_suite_name(name, where="--name")
     prepare_robot("panda")
     with OutputFolder(out, "build", overwrite=overwrite):
@@ -139,12 +138,6 @@ def build_and_tell(
             matrix = _measure_power(built, out, power, processes) if power else None
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
-
-
-def _between(option: str, value: int, low: int, high: int) -> int:
-    if not low <= value <= high:
-        raise InvalidInputError(option, f"{value} is out of range", f"Give a number from {low} to {high}")
-    return value
 
 
 def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:
