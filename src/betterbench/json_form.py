@@ -244,11 +244,11 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 
 
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
-    """Return the value of a JSON text; raise ValueError if it is not JSON, or nested deeper than 200.
+    """Parse a JSON string; raise ValueError if it is not valid JSON or has more than 200 nested levels.
 
-    Code that traverses a deeper value would fail elsewhere. Integers may have any size, as in JSON; for calculations,
-    use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With ``number``,
-    numbers are converted by that function, and NaN and Infinity are rejected.
+    Code that traverses a value nested more deeply would fail elsewhere. Integers may have any size, as in JSON; for
+    calculations, use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With
+    ``number``, numbers are converted by that function, and NaN and Infinity are rejected.
     """
     try:
         found = json.loads(

@@ -116,7 +116,7 @@ def compare(
     matching = match_sides(sides, allow_mixed=allow_mixed)
     if sequential and not matching.paired:
         raise InvalidInputError(
-            "--sequential", "the runs share no trial", "Run the policies with the same --seed, or leave it out"
+            "--sequential", "the runs share no trial", "Run the policies with the same --seed, or drop --sequential"
         )
     names = tuple(s.name for s in sides)
     groups = tuple(g for family in _families(matching) for g in _judged(family, names, matching, alpha))

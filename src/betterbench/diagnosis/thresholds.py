@@ -267,7 +267,7 @@ NEARLY_ALL = threshold("nearly_all", 0.9, "1",
     "Larger: fewer cues are named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
     listed=False)
 
-# Sentences about several trials, and the power matrix.
+# Thresholds for conclusions from several trials, and for the power matrix.
 SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
     "Minimum share of a policy's trials with one mode that must look alike for a conclusion more specific than the "
     "mode.",

@@ -176,7 +176,7 @@ class Metric:
 
     @classmethod
     def of_rate(cls, name: str, scope: str, rate: Rate) -> Metric:
-        """Return the metric of a simple rate."""
+        """Build a metric from a plain rate, ``k`` of ``n``."""
         return cls(name, scope, rate.k, rate.n, rate.value, rate.low, rate.high)
 
     def to_json(self) -> dict[str, Any]:

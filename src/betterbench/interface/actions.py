@@ -159,7 +159,7 @@ class ActionSpace:
             return cls(name=str(form["name"]), convention=str(form["convention"]), **texts, **numbers)  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInputError(
-                "action space", f"{error} is missing or malformed", "Send the JSON form that ActionSpace.to_json writes"
+                "action space", f"{error} is missing or malformed", "Pass the JSON that ActionSpace.to_json writes"
             ) from error
 
 

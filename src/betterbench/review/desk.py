@@ -289,7 +289,7 @@ class ReviewDesk:
             self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
 
     def undo(self) -> None:
-        """Drop the edit in progress, or else undo the last active decision about the current object."""
+        """Drop the edit in progress; without one, undo the last decision on this object that still stands."""
         if self.edit is not None:
             self.drop_edit()
             return

@@ -167,7 +167,7 @@ def _export_dataset(
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:
-        say("with test variations: these variations cannot test a policy that is trained on these episodes")
+        say("this export includes test variations: do not use them to evaluate a policy that is trained on it")
     document = asdict(done) | {"path": str(done.path), "seconds": round(seconds, 3)}
     sentence = (
         f"{done.episodes} episodes, {done.frames} frames\n{took(seconds, done.bytes)}\n"

@@ -132,12 +132,13 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True)
 class PowerMatrix:
-    """The measured matrix.
+    """Measured success rates of every pretender on every variation.
 
     Attributes:
-        cells: Result per pretender and variation; the expert is included as the reference.
-        chances: Per variation, the success rate of guessing its instruction among those that make sense in its scene.
-        versions: Package, suite, engine and task versions, and per task a digest of its conditions.
+        cells: The result for each pretender and variation, with the expert as the reference.
+        chances: For each variation, the success rate of a policy that picks at random among the instructions that make
+            sense in its scene.
+        versions: The package, suite, engine and task versions, and a digest of each task's conditions.
     """
 
     cells: dict[str, dict[Key, PowerCell]]

@@ -122,7 +122,7 @@ class RayPool:
             if not placed and time.monotonic() - self._asked_at > PLACING_S:
                 raise InvalidInputError(
                     "--engine ray",
-                    f"the cluster has no free processor for a worker (free: {self._session.free_text()})",
+                    f"the cluster has no free CPU core for a worker (free: {self._session.free_text()})",
                     "Wait until other work is done, or add machines",
                 )
 

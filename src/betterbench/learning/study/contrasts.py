@@ -75,7 +75,7 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Return the figure for a difference over a number of pairs; without pairs it has no interval."""
+    """Wrap a difference over ``n`` pairs as a Figure (value and interval); with no pairs, both are None."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 

@@ -1,4 +1,4 @@
-"""Shared parts of the policy kinds that connect to servers or load checkpoints with a preset."""
+"""Code shared by the policy kinds that use a preset to connect to a server or load a checkpoint."""
 
 from __future__ import annotations
 

@@ -350,7 +350,8 @@ def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
 def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object]) -> object:
     try:
         _survey(data)
-        # Map keys must be text or bytes. No other keys are needed, and colliding numbers would be slow to hash.
+        # Map keys must be str or bytes: no other keys are needed, and integer keys chosen to have the same hash would
+        # make building the dict quadratic.
         return msgpack.unpackb(
             data,
             object_pairs_hook=lambda pairs: hook(unique_keys(pairs)),

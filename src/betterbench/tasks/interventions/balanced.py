@@ -30,6 +30,6 @@ def _aside(task: Task) -> tuple[Slot, ...]:
 
 
 def with_slots_of(task: Task, condition: Condition) -> Task:
-    """Return a task with the additional slots of a condition; the task itself if there are none."""
+    """Return the task with the condition's extra slots added, or unchanged if the condition has none."""
     used = tuple(slot for slot in _aside(task) if slot.name in condition.layout.values())
     return replace(task, slots=(*task.slots, *used)) if used else task

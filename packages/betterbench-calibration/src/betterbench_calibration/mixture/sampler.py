@@ -124,7 +124,7 @@ class MixtureSampler:
         """Resume from the saved state of a sampler for this mixture.
 
         Raises:
-            RunConflictError: If the state belongs to another mixture or seed.
+            RunConflictError: If the state is from a different mixture or seed.
             InvalidInputError: If it is not a state of a sampler.
         """
         position = state.get("position")
@@ -134,7 +134,8 @@ class MixtureSampler:
             )
         if state.get("identity") != self._identity:
             raise RunConflictError(
-                "state of the sampler: it belongs to another mixture or seed. Restore the mixture, or start again."
+                "this sampler state is from a different mixture or seed. "
+                "Use the original mixture and seed, or start again."
             )
         self._position = position
 

@@ -147,7 +147,10 @@ class Bridge:
         step = _whole(observation.pop("better/step", None))
         if self._delay and step is None and not self._told:
             self._told = True
-            logger.warning("a client does not send its step (better/step), so chunks are not continued")
+            logger.warning(
+                "a client does not send its step number (better/step), so a new action chunk cannot continue the "
+                "previous chunk"
+            )
         if step is not None and "chunk" in kept and step > kept["step"]:
             observation |= continue_chunk(kept["step"], kept["chunk"], step=step, delay=self._delay)
         began = time.monotonic()

@@ -151,7 +151,8 @@ def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
     across = int(np.ceil(np.sqrt((count + 1) // 2)))
     cell = ATLAS // across
-    # Corners are two pixels inside the half cell, so that neighbors do not show when the renderer interpolates.
+    # Keep the corners two pixels inside each triangle's half of the cell, so that interpolation does not mix in the
+    # colors of neighboring triangles.
     low, far = 2.0, cell - 4.0
     corners = np.array(
         [[(low, low), (far, low), (low, far)], [(cell - 2.0, cell - 2.0), (4.0, cell - 2.0), (cell - 2.0, 4.0)]]
