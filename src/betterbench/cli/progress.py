@@ -29,7 +29,7 @@ FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 
 
 class _Widths(NamedTuple):
-    """Column widths of the line's shrinkable parts; 0 for an omitted part."""
+    """Column widths of the line's shrinkable parts; an omitted part has width 0."""
 
     what: int
     bar: int

@@ -65,7 +65,7 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return trials per minute of this session and the time left; empty before its first trial has ended.
+    """Return trials per minute of this session and the time left, or an empty string before its first trial has ended.
 
     For a run with ``--until-decided``, the time left is an upper bound.
     """
@@ -89,7 +89,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return a policy's answer times as a sentence; empty if they are unknown."""
+    """Return a policy's answer times as a sentence, or an empty string if they are unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]

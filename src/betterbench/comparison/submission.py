@@ -192,7 +192,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a file begins like a submission of any version; raises OSError."""
+    """Return whether a file begins like a submission of any version; raise OSError."""
     with open_ordinary(path) as file:
         return file.read(len(_BEGINNING)) == _BEGINNING
 

@@ -146,7 +146,7 @@ class TrialDiagnosis:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One number with its uncertainty.
+    """A rate or other measurement with its confidence interval.
 
     Attributes:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",

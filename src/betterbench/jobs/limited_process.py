@@ -191,7 +191,7 @@ class _Patience:
     left_s: float
 
     def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
-        """Wait until a pipe can be written or read; False if no time is left."""
+        """Wait until a pipe can be written or read; return False if no time is left."""
         pipes: list[BinaryIO] = [pipe]
         while True:
             slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()

@@ -135,7 +135,7 @@ class RunLock:
 
     @property
     def for_workers(self) -> HeldFolder | None:
-        """The locked folder, for worker processes; None if no folder is held, or the lock would be renewed."""
+        """The locked folder, for worker processes, or None if no folder is held, or the lock would be renewed."""
         if self._handle is None or not self._is_folder or self._renews:
             return None
         held = os.fstat(self._handle)

@@ -241,7 +241,7 @@ def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
 
 
 def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
-    """Return the labels that a trial's variation can reveal; empty for an unknown variation."""
+    """Return the labels that a trial's variation can reveal, or an empty tuple for an unknown variation."""
     try:
         return exposed_labels(trial.task, trial.variation or "")
     except UnknownNameError:

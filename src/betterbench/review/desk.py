@@ -251,7 +251,7 @@ class ReviewDesk:
         self._say("The edit was dropped.")
 
     def keep(self) -> bool:
-        """Write the edit in progress as a change; False if this fails, with the reason in ``message``."""
+        """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
         edit, state, item = self.edit, self.state, self.at_hand
         if edit is None or state is None:
             return True

@@ -44,7 +44,7 @@ class Rate:
 
     @property
     def value(self) -> float | None:
-        """The share of successes as a fraction; None without trials."""
+        """The share of successes as a fraction, or None without trials."""
         return self.k / self.n if self.n else None
 
     @property

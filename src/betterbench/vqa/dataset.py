@@ -540,7 +540,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the record hashes of a set; empty if it stores none."""
+    """Return the record hashes of a set, or an empty dict if it stores none."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

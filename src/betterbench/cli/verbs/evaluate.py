@@ -519,7 +519,7 @@ def _print_expert(run: RunFolder) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return a run's verdicts with ``until_decided`` from its records; None for a run of all trials."""
+    """Return a run's verdicts with ``until_decided`` from its records, or None for a run of all trials."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

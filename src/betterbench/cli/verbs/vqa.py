@@ -175,7 +175,7 @@ def _made(
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
-    """Let a model answer the set, or read its answers from a file, and return its scores; None without answers."""
+    """Return the scores of a model's answers, asked now or read from a file, or None if there are no answers."""
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
     from betterbench.vqa.llm import ChatEndpoint
 

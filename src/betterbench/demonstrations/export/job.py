@@ -249,7 +249,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
 
 
 def _digest(file: Path) -> str | None:
-    """Return the SHA-256 of a file; None if there is none."""
+    """Return the SHA-256 of a file, or None if there is none."""
     return file_digest(file) if file.is_file() else None
 
 
@@ -273,7 +273,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Return the stored origin of a data set; RunConflictError if it was changed, OSError if it is missing."""
+    """Return the stored origin of a data set; raise RunConflictError if it was changed, OSError if it is missing."""
     file = folder / SOURCE_FILE
     cure = "Move the data set away and export it again"
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))

@@ -43,7 +43,7 @@ _TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are a
 
 
 def being_h_setup(training: Training) -> TrainerSetup:
-    """Return the setup of Being-H; raises InvalidInputError if the recipe does not fit it."""
+    """Return the setup of Being-H; raise InvalidInputError if the recipe does not fit it."""
     recipe = training.recipe
     if recipe.form.proprioception is False:
         raise InvalidInputError(

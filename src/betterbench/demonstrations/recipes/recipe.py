@@ -88,7 +88,7 @@ class Recipe:
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the usual number of steps between checkpoints if this saves the last step; otherwise all steps."""
+        """Return the usual number of steps between checkpoints, or all steps if this would not save the last step."""
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:

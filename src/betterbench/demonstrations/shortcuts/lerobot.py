@@ -289,7 +289,7 @@ class _Scanned:
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
-    """Return the episodes of all files with their instructions; RecordError if an episode occurs twice."""
+    """Return the episodes of all files with their instructions; raise RecordError if an episode occurs twice."""
     frames = Frames.of(path)
     frames.require_some(path)
     found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()

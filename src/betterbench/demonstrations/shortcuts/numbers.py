@@ -103,7 +103,7 @@ def arm_in(name: str) -> str:
 
 
 def size_of(feature: object) -> int:
-    """Return the number of components in a column; 0 for images, texts, integers and arrays with more axes."""
+    """Return the number of components in a column, or 0 for images, texts, integers and arrays with more axes."""
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
         return 0
     shape = feature.get("shape")

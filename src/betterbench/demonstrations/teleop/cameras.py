@@ -60,7 +60,7 @@ class CameraThread:
 
     @property
     def late_s(self) -> float:
-        """Delay of the images [s]; 0 if they are in time or none are rendered."""
+        """Delay of the images [s], or 0 if they are in time or none are rendered."""
         since = self._waits_since
         if since is None or not self._thread.is_alive():
             return 0.0

@@ -125,7 +125,7 @@ class Controls:
                 self.driver = page
 
     def tapped(self, page: int | None, tap: Tap) -> bool:
-        """Register a press on a page, None for a device; False if the page does not drive."""
+        """Register a press on a page (None for a device); return False if the page does not drive."""
         with self._lock:
             if page is not None and page != self.driver:
                 return False
@@ -133,7 +133,7 @@ class Controls:
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
-        """Register the gizmo's pose; False if the page does not control the robot."""
+        """Register the gizmo's pose; return False if the page does not control the robot."""
         with self._lock:
             if page != self.driver:
                 return False

@@ -182,7 +182,7 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the expected success rates of a pretender by scope; empty if it lacks a cell."""
+    """Return the expected success rates of a pretender by scope, or an empty dict if it lacks a cell."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return {}

@@ -307,7 +307,7 @@ def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
 
 
 def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.ndarray], ...]:
-    """Return the numbers that the policy gets, part by part."""
+    """Return the state values that the policy gets, part by part."""
     if adapter is None:
         return (
             ("joint_positions", seen.joint_positions),

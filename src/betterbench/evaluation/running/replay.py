@@ -107,7 +107,7 @@ def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run of a record, after comparing the record with plan and journal; None for a record outside a run.
+    """Return the run of a record, after comparing the record with plan and journal, or None for a record outside a run.
 
     Raises RecordError if they differ or the record is not at its path in the run.
     """

@@ -64,7 +64,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the answer times for the trials of a session that took ``elapsed_s`` [s]; None if unknown."""
+    """Return the answer times for the trials of a session that took ``elapsed_s`` [s], or None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -145,7 +145,7 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return the times of trials from the journal; None if there are none."""
+    """Return the times of trials from the journal, or None if there are none."""
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

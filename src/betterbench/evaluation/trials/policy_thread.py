@@ -152,6 +152,6 @@ def no_answer(limit_s: float) -> PolicyError:
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return the counts of a client's connection, by name; empty for a policy without one."""
+    """Return the counts of a client's connection, by name, or an empty mapping for a policy without one."""
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -69,7 +69,7 @@ class Choice:
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return why an asset cannot play the role of a group; empty if it can."""
+    """Return why an asset cannot play the role of a group, or an empty string if it can."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs

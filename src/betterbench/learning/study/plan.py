@@ -252,7 +252,7 @@ class StudyPlan:
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm trained only on a role's regime; None if there is none."""
+        """Return the first arm trained only on a role's regime, or None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
     def recipe_of(

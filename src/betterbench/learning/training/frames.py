@@ -159,7 +159,7 @@ class _EpisodeFrames:
 
     @classmethod
     def open(cls, path: Path) -> _EpisodeFrames | None:
-        """Return the frames of a file; None if it is missing or damaged."""
+        """Return the frames of a file, or None if it is missing or damaged."""
         try:
             with open_ordinary(path) as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))

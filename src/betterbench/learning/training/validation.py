@@ -59,7 +59,7 @@ class Rollout:
 def phase_errors(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
 ) -> list[PhaseError]:
-    """Return the errors on held-out demonstrations by phase, then over all as "all"; empty without any.
+    """Return the errors on held-out demonstrations by phase, then over all as "all", or an empty list without any.
 
     Only the executed part of each answer, its first ``execute`` actions, is compared.
     """

@@ -297,7 +297,7 @@ class Overlap:
 
     @classmethod
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
-        """Read the overlap from an address; None if the address sets none. By default, ``ahead`` steps are frozen.
+        """Read the overlap from an address, or None if the address sets none. By default, ``ahead`` steps are frozen.
 
         Raises InvalidInputError if the numbers contradict each other.
         """

@@ -488,7 +488,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the offset in an address; InvalidInputError if the offset would have no effect."""
+    """Return the adapter with the offset in an address; raise InvalidInputError if the offset would have no effect."""
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:

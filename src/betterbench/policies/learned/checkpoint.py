@@ -139,7 +139,7 @@ def checkpoint_file(place: str) -> Path:
 
 
 def read_vocabulary(path: Path) -> Vocabulary:
-    """Return a checkpoint's vocabulary; InvalidInputError if the file is damaged."""
+    """Return a checkpoint's vocabulary; raise InvalidInputError if the file is damaged."""
     _, about = read_tensors(path)
     return _trained(about, str(path)).vocabulary
 

@@ -270,7 +270,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity as numbers."""
+        """The capacity's layer counts and widths."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
@@ -310,7 +310,7 @@ class TrainingRecipe:
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with all default values; without co_training and options if unused."""
+        """Return the JSON form with all default values; unused ``co_training`` and ``options`` are left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
             del form["co_training"]  # left out so that a training started before this field existed can resume
@@ -335,7 +335,7 @@ def read_training_recipe(
     """Return the recipe of a JSON form.
 
     Args:
-        form: The fields, as a mapping, or as JSON text.
+        form: The fields, as a mapping or a JSON string.
         where: File name for errors.
         changes: Fields that override the form; None keeps a field.
 

@@ -137,7 +137,7 @@ class PolicyProcess:
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Close the policy and end its process; without closing the policy if a request is running.
+        """Close the policy and end its process; if a request is running, only end the process.
 
         A second caller neither waits for the first one nor interrupts the policy's own close.
         """

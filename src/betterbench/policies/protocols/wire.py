@@ -311,7 +311,7 @@ def _npy(data: object) -> np.ndarray:
 
 
 def _modality(form: object) -> ModalityConfig:
-    if isinstance(form, str):  # N1.5 sends the JSON text, N1.6 the map
+    if isinstance(form, str):  # N1.5 sends a JSON string, N1.6 the map
         if len(form) > _MAX_JSON:
             raise ValueError("a modality config is too long")
         form = json.loads(form, object_pairs_hook=unique_keys)

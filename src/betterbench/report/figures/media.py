@@ -11,7 +11,7 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """The scenes of a variation and its training twin at reset (JPEG); None if the run has no such scene."""
+    """The scenes of a variation and its training twin at reset (JPEG), or None if the run has no such scene."""
 
     test: bytes
     training: bytes | None = None

@@ -110,7 +110,7 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that selects indices from the values between the smallest and the largest; None for all."""
+    """Return a function that selects indices from the values between the smallest and the largest, or None for all."""
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))
 

@@ -98,7 +98,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return this body's name in recorded contacts; None if it has none. ``body`` is without prefix."""
+        """Return this body's name in recorded contacts, or None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:

@@ -158,7 +158,7 @@ class Tracker(Protocol):
 
     @property
     def undecided_states(self) -> int:
-        """Minimum number of states before the episode can succeed; 0 if the next state may be a success."""
+        """Minimum number of states before the episode can succeed, or 0 if the next state may be a success."""
 
     def update(self, state: WorldState) -> Truth:
         """Return the relations and subgoals that hold in a state. Pass the states in order, starting at reset."""
@@ -371,7 +371,7 @@ class World(ABC):
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
-        """Return the step limit of each trial; empty if unknown."""
+        """Return the step limit of each trial, or an empty mapping if unknown."""
         del trials
         return {}
 

@@ -11,7 +11,7 @@ from betterbench.tasks.interventions import listed_regimes
 
 
 def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
-    """Return the balanced conditions of a task, named balanced1, balanced2, ...; empty if it has none."""
+    """Return the balanced conditions of a task, named balanced1, balanced2, ..., or an empty tuple if it has none."""
     return listed_regimes.listed_conditions("balanced", task_id)
 
 

@@ -171,7 +171,7 @@ class HarmWatch:
         return math.dist(self._middle(state, i), self._start[i])
 
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
-        """Return the harm up to a processed state; empty if there is none."""
+        """Return the harm up to a processed state, or an empty tuple if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
         upright = [state.info.objects[i].name for i in self._watched]
         upright += self._targets.left_over(places)

@@ -50,7 +50,7 @@ def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned:
 
 
 def slim_opening_m(info: ObjectInfo) -> float | None:
-    """Return the opening to release a slim object among others [m]; None for the full opening."""
+    """Return the opening to release a slim object among others [m], or None for the full opening."""
     least = min(info.size_m[0], info.size_m[1])
     return least + SLIM_OPENING_M if least < SLIM_M else None
 

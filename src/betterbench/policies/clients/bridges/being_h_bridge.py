@@ -169,7 +169,7 @@ class Bridge:
 
 
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the entries of a request for real-time chunking; empty if the old chunk is used up.
+    """Return the entries of a request for real-time chunking, or an empty dict if the old chunk is used up.
 
     The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
     horizon, dim), is therefore shifted by the steps that have passed and padded with its last row, which the policy

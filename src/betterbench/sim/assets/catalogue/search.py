@@ -270,7 +270,7 @@ class Catalogue:
         return list(zip(index.columns.rows[places].tolist(), cosines.tolist(), strict=True))
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return which rows pass the filters, (n,) bool; None for all."""
+        """Return which rows pass the filters, (n,) bool, or None for all."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))

@@ -113,7 +113,7 @@ def draw_chains() -> tuple[Chain, ...]:
 
 
 def chain_text(chains: Iterable[Chain]) -> str:
-    """Return chains as the JSON text whose digest is :data:`GOLDEN`: a list of pairs, start and names."""
+    """Return chains as the JSON string whose digest is :data:`GOLDEN`: a list of pairs, start and names."""
     return json.dumps([[dict(chain.start), list(chain.names)] for chain in chains])
 
 
