@@ -139,11 +139,9 @@ def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
         )
     if times.bottleneck == "rendering":
         less = ", --quality fast or --observation state_only (if the policy needs no images)" if drawn_here else ""
-        return (
-            f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers, would help."
-        )
+        return f"Rendering is the bottleneck: a graphics card{less}, or more CPU cores with more --workers, would help."
     what = "Simulation" if drawn_here else "Simulation (with its images, if the world draws at each step)"
-    cure = "more processors with more --workers, or more machines with --engine ray"
+    cure = "more CPU cores with more --workers, or more machines with --engine ray"
     return f"{what} is the bottleneck: use {cure}."
 
 

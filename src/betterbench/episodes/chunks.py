@@ -97,7 +97,7 @@ class Chunks:
     def look(self, step: int) -> None:
         """Render the images for the next request, if it follows immediately, before other uses of the state.
 
-        Rendering empties the processor's caches; in this order, they are filled only once before the next action.
+        Rendering empties the CPU's caches; in this order, they are filled only once before the next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()

@@ -63,7 +63,7 @@ def dataset_command(
             difference.
         expect: Set hash, as printed on another machine; any other hash is an error.
         sign: Private SSH key with which prediction.json is signed.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         pictures: Draw the starts of each task.
         overwrite: Replace files of the set that were changed by hand.
         json: Print the result as one JSON document.

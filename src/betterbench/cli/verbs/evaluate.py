@@ -158,7 +158,7 @@ def evaluate_command(
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
@@ -435,7 +435,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
     The bar is named after the policy, or has the ``label``.
 
-    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per processor by default.
+    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per CPU core by default.
     """
     from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate

@@ -68,7 +68,7 @@ def export_command(
         validation: Share of the seeds whose episodes are for validation; they come last.
         language: Also write the language columns, which LeRobot versions before 0.6 reject.
         vqa: Set of better vqa about the same run; this set's questions are written to the language columns.
-        workers: Number of episodes rendered in parallel; default: one per processor.
+        workers: Number of episodes rendered in parallel; default: one per CPU core.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
     """

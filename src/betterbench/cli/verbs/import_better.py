@@ -53,7 +53,7 @@ def import_better_command(
         certify: Measure demonstrations of the imported tasks and certify them; takes minutes.
         trials: Trials per variation for --certify.
         demonstrations: Demonstrations per task to measure for --certify.
-        workers: Worker processes for --certify; one per processor if not given.
+        workers: Worker processes for --certify; one per CPU core if not given.
         overwrite: Write to a folder that better import-better did not make, and replace files of the same names there.
         json: Print the audit as one JSON document.
     """

@@ -145,7 +145,7 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to the start of the last stretch, next to the grasp, and along it; raise PlanningError without a path."""
+        """Move to the start of the last stretch, next to the grasp, and along it. Raise PlanningError if blocked."""
         m = self.manner
         turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
 

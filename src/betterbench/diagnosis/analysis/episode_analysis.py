@@ -556,7 +556,7 @@ def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[Epi
     """Return a function that computes its result once per episode, because several failure modes call it.
 
     Four modes look for the halt. The saving was too small to measure over 37 recorded trials of three policies (0.35 s
-    of processor time, 2026-11-28).
+    of CPU time, 2026-11-28).
     """
 
     @functools.wraps(find)

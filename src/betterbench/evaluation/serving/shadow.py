@@ -159,7 +159,7 @@ class ShadowSimulation:
         raise PolicyError(
             f"{self.trial} step {step}: the client's robot is not where the answered actions lead (joints differ by up "
             f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {gap[14]:.3g} m). The client has "
-            "executed other actions than those answered, or runs another version, or on another kind of processor"
+            "executed other actions than those answered, or runs another version, or on another kind of CPU"
         )
 
 

@@ -108,7 +108,7 @@ class _Slot:
     outcome: Reply | BaseException | None = None  # reply to the last question, until the trial takes it
     waits: bool = False  # the trial cannot continue before the outcome arrives
     figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
-    wire_s: float = 0.0  # processor time for the trial's messages
+    wire_s: float = 0.0  # CPU time for the trial's messages
     connecting: bool = False  # new environment, which takes trials after reaching its policy
 
 

@@ -1,6 +1,6 @@
 """Readers and writers of the physics engine's arrays as plain floats, for use at every control step.
 
-Between two physics steps the processor's caches are cold, and an array operation takes several times as long as in an
+Between two physics steps the CPU's caches are cold, and an array operation takes several times as long as in an
 isolated benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting it.
 """
 

@@ -62,7 +62,7 @@ class ContactReader:
 
     Names and addresses of the last reading are reused while the engine lists the same points. This reduces a reading
     from 192 to 48 µs (fast_food) and from 308 to 62 µs (breakfast_table) (mean over the control steps of an expert's
-    episode, alternating measurements, processor time on a busy machine, 2026-11-28).
+    episode, alternating measurements, CPU time on a busy machine, 2026-11-28).
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:

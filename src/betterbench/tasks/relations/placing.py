@@ -31,7 +31,7 @@ def far_apart(state: WorldState, name: str, other: str, reach_m: float) -> bool:
     """Return whether the origins of two objects are farther apart than ``reach``: a cheap test before computing poses.
 
     Most pairs are far apart. This test saves 0.1 to 0.9 µs of the 8 to 10 µs that ``GoalTracker.update`` takes per
-    state in tasks with ``inside`` and ``on_ring`` (expert's states, minimum processor time of nine rounds, 2026-11-28).
+    state in tasks with ``inside`` and ``on_ring`` (expert's states, minimum CPU time of nine rounds, 2026-11-28).
     """
     return math.dist(state.position(name), state.position(other)) > reach_m
 

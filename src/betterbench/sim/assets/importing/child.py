@@ -29,7 +29,7 @@ VERSION = 5
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
-"""Limit of the wall-clock time of an import [s], well above the limit of processor time for busy machines."""
+"""Limit of the wall-clock time of an import [s], well above the limit of CPU time for busy machines."""
 
 _MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
 """Main function of the child. It tries grasps with the simulator, which packages of assets do not import."""
