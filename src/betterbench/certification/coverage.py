@@ -122,7 +122,7 @@ class Coverage:
         return Coverage(replace(self.versions, tasks=dict(sorted(numbers.items()))), dict(conditions))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; empty entries are left out."""
+        """Return a JSON-serializable dict; empty entries are left out."""
         form = asdict(self)
         form["conditions"] = {
             name: {key: value for key, value in seeds.items() if value} for name, seeds in form["conditions"].items()

@@ -62,7 +62,7 @@ class Comparison:
         return any(c.different and c.higher == c.second for c in mine)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better compare --json`` prints."""
+        """Return the JSON-serializable dict that ``better compare --json`` prints."""
         rows = zip(self.sides, self.matching.trials, self.matching.left_out, strict=True)
         runs = [
             {

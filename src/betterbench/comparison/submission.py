@@ -116,7 +116,7 @@ class Submission:
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
     def file_bytes(self) -> bytes:

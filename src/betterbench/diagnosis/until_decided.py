@@ -69,7 +69,7 @@ class UntilDecided:
         return verdicts, numbers
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "rule": asdict(self.rule),
             "first_seeds": list(self.first_seeds),

@@ -140,7 +140,7 @@ class TrialDiagnosis:
         return None if self.variation is None else str(TrialId(self.task, self.condition, self.seed))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "label": self.label.value, "kind": self.kind.value, "key": self.key}
 
 
@@ -180,7 +180,7 @@ class Metric:
         return cls(name, scope, rate.k, rate.n, rate.value, rate.low, rate.high)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 
@@ -254,7 +254,7 @@ class RunDiagnosis:
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better diagnose --json`` prints: "trials" contains all planned trials."""
+        """Return the dict that ``better diagnose --json`` prints: "trials" contains all planned trials."""
         return {
             "policy": self.policy,
             "trials": [t.to_json() for t in (*self.trials, *self.waiting)],

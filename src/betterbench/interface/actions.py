@@ -139,7 +139,7 @@ class ActionSpace:
         raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which policy handshakes also use."""
+        """Return the JSON-serializable dict, which policy handshakes also use."""
         return {
             "name": self.name,
             "components": list(self.components),

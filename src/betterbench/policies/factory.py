@@ -165,7 +165,7 @@ class PolicyFactory:
             close_policy(made)
 
     def _source(self) -> str:
-        """Return name and SHA-256 of the user's file with the policy, or an empty text."""
+        """Return the name and SHA-256 of the user's file with the policy, or an empty string if there is none."""
         if isinstance(self._made, PolicyProcess):
             return self._made.source
         return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""

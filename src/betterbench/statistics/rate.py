@@ -63,5 +63,5 @@ class Rate:
         return self.interval.high
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, including the interval."""
+        """Return a JSON-serializable dict, including the interval."""
         return {**asdict(self), "value": self.value, "low": self.low, "high": self.high}

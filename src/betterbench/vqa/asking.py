@@ -127,7 +127,7 @@ class Score:
     blind: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "rate": self.rate.to_json()}
 
 

@@ -198,7 +198,7 @@ class QuestionSet:
                 raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made from this run")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form without the questions."""
+        """Return a JSON-serializable dict without the questions."""
         counts: dict[str, dict[str, int]] = {"type": {}, "form": {}, "difficulty": {}, "family": {}, "task": {}}
         for q in self.questions:
             for name, value in (*((n, getattr(q, n)) for n in list(counts)[:4]), ("task", q.source.task)):

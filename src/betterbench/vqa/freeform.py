@@ -168,7 +168,7 @@ class Described:
         return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {"images": self.images, "kept": self.kept, "dropped": self.dropped}
 
 

@@ -91,7 +91,7 @@ class LabelKnowledge:
         return Rate(known, self.n - self.counts[KnowledgeStanding.NOT_ASKED.value])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "knows": self.knows.to_json()}
 
 
@@ -140,7 +140,7 @@ class Knowledge:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "model": self.model,
             "policy": self.policy,

@@ -323,7 +323,7 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
         ("lerobot", {"stepps": 1}, {}, "stepps"),
         ("lerobot", {"frozen": {"openpi": ["vision", "vision"]}}, {}, "names a part twice"),
         ("lerobot", {"name": "a b"}, {}, "name"),
-        ("lerobot", {"chunk": 10}, {"policy": "diffusion"}, "chunk: .*10 is not a multiple of 8.*Give 8, 16"),
+        ("lerobot", {"chunk": 10}, {"policy": "diffusion"}, "chunk: .*10 is not a multiple of 8.*Give a multiple of 8"),
         ("openpi", "better", {"data": ("sets/my data #1",)}, "--data: 'my data #1'.*Rename the folder"),
         ("openpi", "better", {"data": ('sets/cost$5 "x" `id`',)}, "--data.*Rename the folder"),
         ("being-h", "better", {"data": ("sets/a: b",)}, "--data: 'a: b'.*Rename the folder"),

@@ -252,7 +252,7 @@ def _plan(
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it only applies to a repeated run", "Give --from too, or leave it out"
+            "--allow-other-versions", "it only applies to a repeated run", "Give --from too, or drop this option"
         )
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)

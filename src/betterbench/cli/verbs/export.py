@@ -104,7 +104,7 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     """Raise InvalidInputError if an option of data sets was given."""
     for option, value in given.items():
         if value:
-            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or drop {option}"
             raise InvalidInputError(option, f"belongs to data sets, but {to} is not a data set", cure)
 
 

@@ -46,7 +46,7 @@ class WorldGap:
     p_value: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "difference": self.difference.to_json()}
 
 

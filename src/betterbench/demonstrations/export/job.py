@@ -140,7 +140,9 @@ def _checked(plan: ExportPlan) -> ExportPlan:
         require_h5py()
         plan = replace(plan, form="png")
     if (plan.language or plan.questions) and plan.to != "lerobot":
-        raise InvalidInputError("--language", f"{plan.to} has no such columns", "Export to lerobot, or leave it out")
+        raise InvalidInputError(
+            "--language", f"{plan.to} has no such columns", "Export to lerobot, or drop this option"
+        )
     if not 0.0 <= plan.validation < 1.0:
         raise InvalidInputError(
             "--validation", f"{plan.validation:g} is out of range", "Give a share from 0 to below 1"

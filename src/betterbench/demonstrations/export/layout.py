@@ -104,7 +104,7 @@ class DatasetLayout:
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form: the adapter, and each column's content."""
+        """Return a JSON-serializable dict: the adapter, and each column's content."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),

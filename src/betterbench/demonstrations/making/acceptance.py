@@ -107,7 +107,7 @@ class Acceptance:
         return round(sum(rates) / len(rates), 4) if rates else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form = asdict(self)
         form["mean_rate"] = self.mean_rate
         for task, own in zip(form["tasks"], self.tasks, strict=True):

@@ -61,7 +61,7 @@ class DemonstrationManner:
     miss_rate: float = 0.0
 
     def to_json(self) -> dict[str, float]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {name: float(value) for name, value in asdict(self).items()}
 
 

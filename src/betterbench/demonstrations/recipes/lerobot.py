@@ -91,9 +91,9 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     longest = (form.chunk or default) - (chunk == "horizon")
     if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
         problem = f"diffusion halves its horizon three times, but {form.chunk} is not a multiple of {_DOWNSAMPLED}"
-        raise InvalidInputError("chunk", problem, "Give 8, 16, 24 or more, or leave it out")
+        raise InvalidInputError("chunk", problem, "Give a multiple of 8, or omit chunk")
     if longest < 1:
-        raise InvalidInputError("chunk", f"{policy} needs two steps at least", "Give more, or leave it out")
+        raise InvalidInputError("chunk", f"{policy} needs at least two steps", "Give a larger chunk, or omit it")
     batch = recipe.setting("batch", "batch")
     rows = [
         Setting(

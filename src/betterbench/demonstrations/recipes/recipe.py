@@ -142,7 +142,7 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
     )
     if recipe.steps % recipe.save_every:
         problem = f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last would not be kept"
-        raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or leave it out")
+        raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or omit save_every")
     return recipe
 
 

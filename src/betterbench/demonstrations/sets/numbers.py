@@ -113,5 +113,5 @@ def _rounded(stats: Stats) -> Stats:
 
 
 def counts_form(counts: Sequence[ConditionCounts]) -> list[dict[str, Any]]:
-    """Return the JSON form of counts."""
+    """Return counts as a JSON-serializable list."""
     return [asdict(count) for count in counts]

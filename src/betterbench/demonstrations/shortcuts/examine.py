@@ -190,7 +190,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; the description of how the data were read comes first."""
+        """Return a JSON-serializable dict; the description of how the data were read comes first."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}

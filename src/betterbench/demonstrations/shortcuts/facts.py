@@ -84,7 +84,7 @@ class EpisodeFacts:
         return bool(self.standing)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 

@@ -189,7 +189,7 @@ class Calibration:
         return tuple(scores)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "counts": [
                 {"truth": truth.value, "label": label.value, "n": n}

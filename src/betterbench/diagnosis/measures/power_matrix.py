@@ -82,7 +82,7 @@ class PowerCell:
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; zeros are left out."""
+        """Return a JSON-serializable dict; zeros are left out."""
         form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
         optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
         return form | {name: value for name, value in optional.items() if value}
@@ -281,7 +281,7 @@ class PowerMatrix:
         return tuple(stale)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "versions": self.versions,
             "chances": {"/".join(key): chance for key, chance in self.chances.items()},

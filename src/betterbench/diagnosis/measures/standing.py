@@ -108,7 +108,7 @@ class Standing:
         return (*_said(self), *((self.notice,) if self.notice else ()))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better diagnose --json`` prints as ``power``."""
+        """Return the JSON-serializable dict that ``better diagnose --json`` prints as ``power``."""
         return {
             "notice": self.notice,
             "covered": {"k": self.covered.k, "n": self.covered.n},

@@ -108,7 +108,7 @@ class PreflightCheck:
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with the sizes of images."""
+        """Return a JSON-serializable dict, with the sizes of images."""
         return {
             "policy": self.policy,
             "trial": asdict(self.trial),

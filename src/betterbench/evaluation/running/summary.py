@@ -132,7 +132,7 @@ class RunTimes:
         return max(parts, key=parts.__getitem__)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with times in seconds."""
+        """Return a JSON-serializable dict, with times in seconds."""
         return {
             "policy_s": round(self.policy_s, 3),
             "simulation_s": round(self.simulation_s, 3),

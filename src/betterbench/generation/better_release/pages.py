@@ -58,7 +58,7 @@ def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
 
 
 def audit_form(tasks: Iterable[Imported], *, suite: str | None) -> dict[str, Any]:
-    """Return the JSON form of audits.
+    """Return audits as a JSON-serializable dict.
 
     Args:
         tasks: The imported tasks.

@@ -292,7 +292,7 @@ class StudyPlan:
         return read_training_recipe({**given, **fixed}, where=where)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, including all default values."""
+        """Return a JSON-serializable dict, including all default values."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return form
 
@@ -300,7 +300,7 @@ class StudyPlan:
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
     """Return the form of a co-training with questions created by the study."""
     if not isinstance(given, dict):
-        raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or leave it out")
+        raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or omit the field")
     if "sets" in given:
         raise InvalidInputError(
             f"{where}.sets", "the study creates its own questions", "Leave it out, or the questions"

@@ -155,7 +155,7 @@ class Checkpoint:
         except (RuntimeError, AssertionError, ValueError) as error:
             problem = " ".join(str(error).split())[:160]
             raise InvalidInputError(
-                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or leave it out"
+                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or omit device"
             ) from error
         return device
 

@@ -305,7 +305,7 @@ class Adapter:
         return replace(self, answer=self.answer.in_space(space))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with every default written out; a key of one name is a string, else a list."""
+        """Return a JSON-serializable dict with every default; a key of one name is a string, otherwise a list."""
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
 

@@ -270,7 +270,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity's layer counts and widths."""
+        """The capacity, looked up by name if it was given as one."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
@@ -310,7 +310,7 @@ class TrainingRecipe:
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with all default values; unused ``co_training`` and ``options`` are left out."""
+        """Return a JSON-serializable dict with all defaults; unused ``co_training`` and ``options`` are left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
             del form["co_training"]  # left out so that a training started before this field existed can resume

@@ -36,7 +36,7 @@ class Media:
     options: str = ""
 
     def replay_command(self, policy: str, record: str | None) -> str:
-        """Return the command that writes the film of a record ("records/fast_food/T1/0.parquet"), or an empty text."""
+        """Return the command that writes the film of a record ("records/fast_food/T1/0.parquet"), or ""."""
         start = self.replay_start(policy)
         return f"{start}{record} --twin{self.options}" if start and record is not None else ""
 

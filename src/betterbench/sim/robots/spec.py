@@ -108,7 +108,7 @@ class RobotSpec:
         return "arm" if body in self.arm_bodies else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form for records and handshakes."""
+        """Return a JSON-serializable dict for records and handshakes."""
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
 

@@ -66,7 +66,7 @@ class PremiseEntry:
         return tuple(sorted({state for states in self.broken.values() for state in states}))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 

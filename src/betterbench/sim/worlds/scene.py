@@ -213,7 +213,7 @@ class ProcessWorld(World):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, without the location of the world."""
+        """Return a JSON-serializable dict, without the location of the world."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),

@@ -338,7 +338,7 @@ class World(ABC):
         return () if self.installation is None else self.installation.command()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form for plans, which allows reading a run without the world's code."""
+        """Return a JSON-serializable dict for plans, which allows reading a run without the world's code."""
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:

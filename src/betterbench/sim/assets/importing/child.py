@@ -136,7 +136,7 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
         files = json.loads(process.receive(most=_MOST_NOTE_BYTES, within_s=MAX_S))
         return Made(bytes(process.receive(most=MOST_STORED_BYTES, within_s=MAX_S)), files)
     except RefusedError as error:
-        raise InvalidInputError(where, str(error), "Export the object again, or leave it out") from error
+        raise InvalidInputError(where, str(error), "Export the object again, or leave out this file") from error
     except LimitedProcessError as error:
         problem = f"its import takes more than {MAX_CPU_S:g} s or {MAX_MEMORY_BYTES >> 30} GB, or breaks off ({error})"
         raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor, or export it again") from error

@@ -37,7 +37,7 @@ FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply":
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
 """Up axis and unit [m] defined by a format (glTF 2.0, section 3.4); the other formats define neither."""
 
-_CURE = "Export the object again, or leave it out"
+_CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
     (

@@ -243,7 +243,7 @@ class CalvinWorld(ProcessWorld):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, without the location of the checkout."""
+        """Return a JSON-serializable dict, without the location of the checkout."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
