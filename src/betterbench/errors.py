@@ -169,7 +169,7 @@ class InvalidInputError(BetterError):
     cure: str
 
     def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
-        """Build the message; given another such error, copy it (see :class:`UnknownNameError`)."""
+        """Build the message. If the argument is another such error, copy it (see :class:`UnknownNameError`)."""
         if isinstance(where, InvalidInputError):
             same = where
             where, problem, cure = same.where, same.problem, same.cure

@@ -214,7 +214,10 @@ def coverage_of(tasks: Iterable[str]) -> Coverage:
 
 
 def load_coverage(path: Path) -> Coverage:
-    """Read the coverage from a certificate, its folder or a coverage file; InvalidInputError if it is unreadable."""
+    """Read the coverage from a certificate, its folder or a coverage file.
+
+    Raises InvalidInputError if the file is unreadable.
+    """
     return _load(path / "certificate.json" if path.is_dir() else path, str(path))
 
 

@@ -52,7 +52,7 @@ class TrialChange:
 
     @property
     def labels(self) -> tuple[str, str]:
-        """The label before and now; "none" if the trial is missing."""
+        """The previous and the present label, or "none" for a missing trial."""
         return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
 
     def to_json(self) -> dict[str, Any]:

@@ -198,7 +198,7 @@ class RunLock:
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
-        """Release the lock; harmless if it is not held."""
+        """Release the lock. Releasing it again is harmless."""
         if self._handle is not None:
             self._unguard()
         self._close()
@@ -245,7 +245,7 @@ class FileLock(RunLock):
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:
-        """Remove the lock file, and release the lock; harmless if it is not held."""
+        """Remove the lock file, and release the lock. This is harmless if it is not held."""
         if self._handle is not None:
             with contextlib.suppress(OSError):
                 self._path.unlink()

@@ -43,7 +43,7 @@ def guard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Undo a :func:`guard` with the same arguments; harmless without a guard."""
+    """Undo a :func:`guard` with the same arguments. This is harmless without a guard."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)

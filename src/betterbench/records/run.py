@@ -177,7 +177,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Facts about the world in which the trials were run; RecordError if the plan names an unknown world."""
+        """Facts about the world in which the trials were run. Raises RecordError if the plan names an unknown world."""
         return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property

@@ -344,7 +344,10 @@ class ReviewDesk:
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Return the state to edit, after keeping an edit of another kind; None if there is none or keeping failed."""
+        """Return the state to edit, after keeping an edit of another kind.
+
+        Returns None if there is no state, or if keeping the edit failed.
+        """
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
             return None
         return self.state

@@ -72,7 +72,10 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the distance from a height to the nearest trained height [mm]; negative below the trained height."""
+        """Return the distance from a height to the nearest trained height [mm].
+
+        The value is negative below the trained height.
+        """
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:

@@ -312,7 +312,9 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the code that registers a name: "sha256 ..." of a user's file, or package and version; None if built in.
+    """Return the code that registers a name: "sha256 ..." of a user's file, or package and version.
+
+    Returns None if the name is built in.
 
     ``kind`` has the same meaning as in :func:`registered`.
     """

@@ -187,7 +187,10 @@ class QuestionSet:
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Return whether the set's questions about a trial are about this record; True if the set stores no hashes."""
+        """Return whether the set's questions about a trial are about this record.
+
+        Returns True if the set stores no hashes.
+        """
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:

@@ -65,7 +65,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """All trials of one label; counts by standing."""
+    """Counts of the trials with one label, by standing."""
 
     label: str
     n: int

@@ -226,7 +226,10 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command that runs a small part of a plan, preceded by the number of trials; empty for a small plan."""
+    """Return a command that runs a small part of a plan, preceded by the number of trials.
+
+    The result is empty for a small plan.
+    """
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 

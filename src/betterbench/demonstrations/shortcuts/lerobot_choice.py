@@ -271,7 +271,7 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return all components of an unnamed state if there is one gripper; InvalidInputError otherwise."""
+    """Return all components of an unnamed state if there is one gripper. Raises InvalidInputError otherwise."""
     syntax = "with its own column and numbers, x first, counted from 0"
     cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:

@@ -234,7 +234,7 @@ def _kind(label: str) -> str:
 
 
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
-    """Return the column named by an option; UnknownNameError with the closest names if it does not exist."""
+    """Return the column named by an option. Raises UnknownNameError with the closest names if it does not exist."""
     columns = list(known)
     if name not in columns:
         raise UnknownNameError(f"column of {option}", name, columns)

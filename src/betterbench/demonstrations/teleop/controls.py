@@ -191,7 +191,10 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm started following, and the tool target at that time; None before the start."""
+        """Return how often a leader arm started following, and the tool target at that time.
+
+        Returns None before the start.
+        """
         with self._lock:
             return self._grip, self._tool
 

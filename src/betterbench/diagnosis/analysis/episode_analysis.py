@@ -211,7 +211,7 @@ class EpisodeAnalysis:
 
     @property
     def off_limits(self) -> tuple[int, ...]:
-        """Indices of the objects that must not be touched if the policy should refuse or stay still; else empty."""
+        """Indices of the objects that the policy must not touch; empty unless it should refuse or stay still."""
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()

@@ -304,7 +304,7 @@ class PowerMatrix:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str = PACKAGED_MATRIX) -> PowerMatrix:
-        """Read the JSON document; errors call it ``where``.
+        """Read the JSON document; error messages name it ``where``.
 
         Raises:
             RecordError: If a field is missing or malformed.

@@ -80,7 +80,10 @@ class PolicyThread:
 
     @property
     def ready_at(self) -> float:
-        """Time at which the policy is ready, from ``time.perf_counter`` [s]; infinite until the policy is loaded."""
+        """Time at which the policy is ready, from ``time.perf_counter`` [s].
+
+        The value is infinite until the policy is loaded.
+        """
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:

@@ -314,7 +314,10 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the likeness of the most similar row, in [0, 3], and the row; 0 if neither color nor shape is shared."""
+    """Return the likeness of the most similar row, in [0, 3], and the row.
+
+    Returns 0 if neither color nor shape is shared.
+    """
     own = build(item.category, color=item.color)
     best = (0.0, entries[0])
     for entry in entries:

@@ -282,7 +282,7 @@ def _area_text(area: Figure, failed: int) -> str:
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return all numbers on the page as one long table of fractions; empty if there are none."""
+    """Return all numbers on the page as one long table of fractions. The result is empty if there are none."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:

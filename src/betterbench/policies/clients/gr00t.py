@@ -349,7 +349,10 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the additional entries of an observation, and the options; empty if too few actions are left."""
+        """Return the additional entries of an observation, and the options.
+
+        The result is empty if too few actions are left.
+        """
         if self._last is None:
             return {}, None
         asked_at, arrays = self._last

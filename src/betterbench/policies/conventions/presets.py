@@ -534,7 +534,10 @@ _WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the constants in an address; InvalidInputError if a required constant is missing."""
+    """Return the adapter with the constants in an address.
+
+    Raises InvalidInputError if a required constant is missing.
+    """
     given = {k.removeprefix(CONSTANT.name): v for k, v in address.options.items() if k.startswith(CONSTANT.name)}
     if given:
         adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})

@@ -222,7 +222,10 @@ class LearnerNetwork(nn.Module):
         return found
 
     def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the result of :meth:`answer`; InvalidInputError if a user's learner raises, or its shape is wrong."""
+        """Return the result of :meth:`answer`.
+
+        Raises InvalidInputError if a user's learner raises an error, or its answer has the wrong shape.
+        """
         with explaining("family", self.recipe.family):
             found = self.answer(shown, noise, heard)
         wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)

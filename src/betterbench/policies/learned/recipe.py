@@ -270,7 +270,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity, looked up by name if it was given as one."""
+        """The capacity itself, also if the recipe only names it."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 

@@ -181,7 +181,7 @@ class PolicyProcess:
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """Ensure that a process exists; at the beginning of an episode, a process without earlier failures."""
+        """Ensure that a process exists; an episode begins with a process in which no trial has failed."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return

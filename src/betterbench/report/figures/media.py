@@ -41,7 +41,10 @@ class Media:
         return f"{start}{record} --twin{self.options}" if start and record is not None else ""
 
     def replay_start(self, policy: str) -> str:
-        """Return the beginning of commands that replay a policy's trials; empty if its folder is unknown."""
+        """Return the beginning of commands that replay a policy's trials.
+
+        The result is empty if its folder is unknown.
+        """
         folder = self.folders.get(policy)
         return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"
 

@@ -95,7 +95,10 @@ class ModalityFolder:
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Store the fingerprint of the current OpenGL; RunConflictError if another one rendered earlier images."""
+        """Store the fingerprint of the current OpenGL.
+
+        Raises RunConflictError if another one rendered earlier images.
+        """
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
             write_durably(self.path / SETTINGS_FILE, _text(self.wanted))

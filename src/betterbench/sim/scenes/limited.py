@@ -154,7 +154,7 @@ class LimitedView:
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view; NaN behind the camera.
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view, or NaN behind the camera.
 
         Raises the errors of :meth:`open`.
         """

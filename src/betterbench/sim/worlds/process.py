@@ -117,7 +117,7 @@ class WorldProcess(AskedProcess):
         return images
 
     def close(self, within_s: float = _END_S) -> None:
-        """End the process, at once without a time limit [s]; harmless if it has ended."""
+        """End the process, at once without a time limit [s]. This is harmless if it has ended."""
         self.hang_up()
         self.end(within_s)
         self._said.close()
@@ -145,7 +145,10 @@ class WorldProcess(AskedProcess):
         )
 
     def _last_words(self) -> str:
-        """Return the process's exit status and the last line of its output, as text; empty if it is running."""
+        """Return the process's exit status and the last line of its output, as text.
+
+        The result is empty if it is running.
+        """
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))

@@ -458,7 +458,10 @@ class ProcessScene:
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
-        """Return the depth images of this step by camera, (height, width) float32 [m]; empty if not rendered."""
+        """Return the depth images of this step by camera, (height, width) float32 [m].
+
+        The result is empty if depth was not rendered.
+        """
         return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:

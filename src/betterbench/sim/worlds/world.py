@@ -222,10 +222,16 @@ class TrialScene(Protocol):
         """Return the files that are stored once per distinct scene."""
 
     def reset(self) -> WorldState:
-        """Go to the start of the trial and return the state; PremiseError if the scene contradicts its premise."""
+        """Go to the start of the trial and return the state.
+
+        Raises PremiseError if the scene contradicts its premise.
+        """
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute an action for one control step and return the applied action; InvalidActionError if malformed."""
+        """Execute an action for one control step and return the applied action.
+
+        Raises InvalidActionError if the action is malformed.
+        """
 
     def draw_next(self, *, wanted: bool) -> None:
         """Set whether the policy needs images after the next step."""
@@ -246,7 +252,9 @@ class TrialScene(Protocol):
         """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
-        """Return the state as read by the world's own clients, by the names of our state parts; empty if none.
+        """Return the state as read by the world's own clients, by the names of our state parts.
+
+        The result is empty if none.
 
         If not empty, "ee_position" is the tool position for the policy.
         """

@@ -142,7 +142,7 @@ class Catalogue:
 
     @property
     def vectors(self) -> VectorIndex:
-        """The vectors; ValueError if the catalogue has none."""
+        """The vectors. Raises ValueError if the catalogue has none."""
         if self._index is None:
             raise ValueError("the catalogue has no vectors")
         return self._index

@@ -120,7 +120,7 @@ def _farthest(points: np.ndarray, others: np.ndarray) -> float:
 
 
 def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the unit normals (m, 3) of triangles; zero for those without an area."""
+    """Return the unit normals (m, 3) of triangles, or zeros for triangles without an area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])

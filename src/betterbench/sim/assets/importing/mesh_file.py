@@ -237,7 +237,10 @@ def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> N
 
 
 def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
-    """Return the bytes of an image embedded in a glTF file, None if it is a separate file; empty if damaged."""
+    """Return the bytes of an image embedded in a glTF file, None if it is a separate file.
+
+    The result is empty if the image is damaged.
+    """
     uri = image.get("uri")
     try:
         if isinstance(uri, str):

@@ -39,7 +39,9 @@ class Body:
 
 
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
-    """Return the stated mass, center and inertia of an object, with notes; None if the mass is missing or not usable.
+    """Return the stated mass, center and inertia of an object, with notes.
+
+    Returns None if the mass is missing or not usable.
 
     A center outside the object or not above its base, and an inertia that does not fit the shape, are replaced by the
     values of a solid body.

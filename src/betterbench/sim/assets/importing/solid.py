@@ -43,7 +43,7 @@ class Solid:
         return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) cell numbers of points [m]; points outside get the nearest cell."""
+        """Return the (k, 3) cell indices of points [m]; points outside get the nearest cell."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
         return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 
