@@ -396,9 +396,11 @@ def dump_json(form: object) -> bytes:
     except UnicodeEncodeError as error:
         shown = one_line(encodable(error.object[max(0, error.start - 20) : error.end + 20]), most=80)
         problem = f"contains a lone surrogate, which has no encoding, in {shown!r}"
-        raise InvalidInputError("metadata", problem, "Write the text in UTF-8") from error
+        raise InvalidInputError("metadata", problem, "Encode the text as UTF-8") from error
     except (TypeError, ValueError) as error:
-        raise InvalidInputError("metadata", str(error), "Use texts, finite numbers, lists and mappings only") from error
+        raise InvalidInputError(
+            "metadata", str(error), "Use only strings, finite numbers, lists and mappings"
+        ) from error
 
 
 def file_digest(path: Path) -> str:

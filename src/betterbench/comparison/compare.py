@@ -108,7 +108,9 @@ def compare(
         RunConflictError: If versions or engines differ and that is not allowed.
     """
     if not 0.0 < alpha < 1.0:
-        raise InvalidInputError("--alpha", f"{alpha:g} is not a level", "Give a number between 0 and 1, such as 0.05")
+        raise InvalidInputError(
+            "--alpha", f"{alpha:g} is not a significance level", "Give a number between 0 and 1, such as 0.05"
+        )
     if len(sides) < 2:
         raise InvalidInputError(
             "runs", f"a comparison needs at least two runs, got {len(sides)}", "Name at least two runs"

@@ -196,7 +196,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 if not allow_mixed:
                     raise RunConflictError(
                         f"{problem} Run one of the two again with the same protocol and installation, or give "
-                        f"--allow-mixed and interpret the numbers with care."
+                        f"--allow-mixed and interpret the results with care."
                     )
                 notes.append(problem)
     return notes

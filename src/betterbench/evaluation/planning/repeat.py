@@ -106,8 +106,8 @@ def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(
-            f"{path}: the policy at {policy.get('address')} is not the one of this run: {difference}. Start the "
-            "first one again, or give --allow-changed-policy and read the results as those of another policy."
+            f"{path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. Start "
+            "the original policy again, or give --allow-changed-policy and treat the results as another policy's."
         )
 
 

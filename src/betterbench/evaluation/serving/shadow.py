@@ -163,8 +163,8 @@ class ShadowSimulation:
         joint, tool = gap[:7].max(), float(np.linalg.norm(theirs[7:10] - self._measured[step][7:10]))
         raise PolicyError(
             f"{self.trial} step {step}: the client's robot is not where the answered actions lead (joints differ by up "
-            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {gap[14]:.3g} m). The client has "
-            "executed other actions than those answered, or runs another version, or on another kind of CPU"
+            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {gap[14]:.3g} m). The client "
+            "executed actions that were not in the answers, or runs another version or on another kind of CPU"
         )
 
 

@@ -101,8 +101,8 @@ def _require_set(place: Path, sha256: str) -> None:
     """Raise RecordError if a set's demonstrations have changed since it was made."""
     if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
         raise RecordError(
-            f"{place}: contains other demonstrations than those made by this study. Put the set back, or run a new "
-            "study into another folder; nothing was deleted."
+            f"{place}: contains demonstrations that this study did not make. Restore the original set, or run a new "
+            "study in another folder; nothing was deleted."
         )
 
 

@@ -319,9 +319,9 @@ def _modality(form: object) -> ModalityConfig:
         raise TypeError(f"a modality config is a {type(form).__name__}")
     steps, keys = form.get("delta_indices"), form.get("modality_keys")
     if not isinstance(steps, (list, tuple)) or not all(isinstance(s, int) and abs(s) < 10_000 for s in steps):
-        raise ValueError("a modality config has no whole numbers as delta_indices")
+        raise ValueError("a modality config has no list of integers as delta_indices")
     if not isinstance(keys, (list, tuple)) or not all(isinstance(k, str) for k in keys):
-        raise ValueError("a modality config has no texts as modality_keys")
+        raise ValueError("a modality config has no list of strings as modality_keys")
     return ModalityConfig(tuple(int(s) for s in steps), tuple(keys))
 
 
@@ -332,7 +332,9 @@ def _encode(value: object, mark: Callable[[object], object]) -> bytes:
     try:
         return bytes(msgpack.packb(value, default=mark, use_bin_type=True))
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidInputError("message", f"it cannot be sent ({error})", "Send texts, numbers and arrays") from error
+        raise InvalidInputError(
+            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+        ) from error
 
 
 def _refuse(thing: object) -> object:
@@ -476,7 +478,7 @@ def read_array(data: object, dtype_text: object, given_shape: object, *, texts: 
     if dtype.kind == "U":
         points = np.frombuffer(data, np.dtype(np.uint32).newbyteorder(dtype.byteorder))
         if ((points > 0x10FFFF) | ((points >= 0xD800) & (points < 0xE000))).any():
-            raise ValueError("a text in an array has invalid characters")
+            raise ValueError("a string in an array has invalid characters")
     flat = np.frombuffer(data, dtype)
     if not dtype.isnative:
         flat = flat.astype(dtype.newbyteorder("="))

@@ -58,7 +58,7 @@ def as_agreed(what: str) -> Iterator[None]:
 def sent_text(value: object) -> str:
     """Return a text sent by a simulator; raise TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
-        raise TypeError(f"expected a text, got a {type(value).__name__}")
+        raise TypeError(f"expected a string, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
         raise ValueError(f"a text of {len(value)} characters")
     return value

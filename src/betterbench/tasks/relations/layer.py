@@ -107,7 +107,7 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object rests on a stack, or is held there, in any posture; otherwise return None.
+    """Return the first missing layer if an object rests on a stack, or is held there, in any posture, or None.
 
     The object rests on the base, or on an object on the base, with its center over the base. Only flat objects are
     layers.

@@ -75,7 +75,9 @@ class MixtureSampler:
         require_between("draws", MOST_DRAWS if draws is None else draws, 0, MOST_DRAWS)
         shares = [part.share for part in parts]
         if not shares or abs(math.fsum(shares) - 1.0) > 1e-9:
-            raise InvalidInputError("shares", f"they add up to {math.fsum(shares):g}", "Take them from shares_of")
+            raise InvalidInputError(
+                "shares", f"they add up to {math.fsum(shares):g}", "Compute the shares with shares_of"
+            )
         self._parts, self._seed, self._shard, self._shards = tuple(parts), seed, shard, shards
         self._draws = MOST_DRAWS if draws is None else draws
         sums = list(itertools.accumulate(shares))

@@ -70,7 +70,7 @@ def encode(value: object) -> bytes:
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
     """Decode a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
     if isinstance(frame, str):
-        raise TypeError("expected a binary frame, got a text")
+        raise TypeError("expected a binary frame, got a text frame")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
 
 
