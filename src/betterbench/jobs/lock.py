@@ -20,7 +20,7 @@ LOCK_NAME = ".lock"
 """File in a folder that carries the lock of the folder."""
 
 _TRIES = 25
-_PAUSE_S = 0.02  # longer than a check of the lock by another process
+_PAUSE_S = 0.02  # longer than another process takes to check the lock
 
 
 def is_locked(path: Path) -> bool:

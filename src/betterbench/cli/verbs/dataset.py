@@ -109,7 +109,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
             nonlocal shown_stage
-            if stage != shown_stage:  # its pace does not predict this stage
+            if stage != shown_stage:  # the pace of the previous stage does not predict this one
                 shown_stage = stage
                 bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)

@@ -233,7 +233,7 @@ def _export_outcomes(
             write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
-    if out is not None:  # fail before the records are read
+    if out is not None:  # check first, because reading the records takes long
         require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
     with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)

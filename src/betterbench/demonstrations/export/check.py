@@ -150,7 +150,7 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
     }
     require_match(dict(source), wanted | stated, _source_name(path))
     if path.is_dir():
-        stored_source(path)  # this checks the seal, which covers the other fields too
+        stored_source(path)  # reading the source checks the seal, which also covers the other fields
     _compare_digests(path, source)
 
 

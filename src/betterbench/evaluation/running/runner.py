@@ -211,7 +211,7 @@ class _Asked:
     policies: PolicyFactory | None = None  # may hold the queried instance; None if a host holds it
     host: Host | None = None  # holds the policy for all workers
     shared: bool = False  # one instance serves several workers
-    one_worker: bool = False  # each worker would load the weights again
+    one_worker: bool = False  # otherwise, each worker would load the weights
 
 
 def _ask_policy(

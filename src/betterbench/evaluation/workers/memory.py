@@ -90,7 +90,7 @@ def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
         else:
             continue
         group = Path(path.lstrip("/"))
-        if ".." in group.parts:  # outside this container's view
+        if ".." in group.parts:  # the group is not visible in this container
             group = Path()
         for folder in (group, *group.parents):
             left = _left(root / folder, names, files)

@@ -83,7 +83,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
 
         policy.require()
         run = evaluate(plan, out, workers=workers, on_progress=on_progress)
-        policy.require()  # the workers have read the file meanwhile
+        policy.require()  # again, because the workers read the file during the run
         _require_evaluated(run, policy)
         found = diagnose_run(run, on_progress=lambda done, of: tell(done, of, "diagnosis"))
         stored.store_diagnosis(run, found)

@@ -146,7 +146,7 @@ class PolicyProcess:
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # a running request then gets an end of file
+                running.kill()  # a running request then reads an end of file
             return
         try:
             if self._running is not None:
@@ -271,7 +271,7 @@ class _Started(AskedProcess):
         try:
             super().__init__(
                 command,
-                output=self._output.theirs,  # output of a policy is not output of the run
+                output=self._output.theirs,  # keeps the policy's output apart from the run's
                 environment={**os.environ, MARK: self._mark},
                 keeps=(life,),
                 any_type=True,

@@ -381,8 +381,8 @@ def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
-# msgpack tokens by their first byte: the number of following bytes, of bytes with a length, of bytes with a count, and
-# of values per count.
+# msgpack tokens by their first byte. _FIXED: the number of bytes that follow; _SIZED: the size of the length field;
+# _HOLDERS: the size of the count field, and the number of values per count.
 _FIXED = dict(
     zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
 )

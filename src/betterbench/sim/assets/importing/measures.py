@@ -149,7 +149,7 @@ def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> f
         gap = max(gap, nearest.pop(best))
         joined.add(best)
         for k, distance in nearest.items():
-            if distance > gap:  # a smaller distance cannot matter any more
+            if distance > gap:  # a distance up to `gap` can no longer change the result
                 nearest[k] = min(distance, _between(trees[k], trees[best]))
     return max(0.0, gap - spacing)
 
