@@ -316,7 +316,7 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
         ("gr00t", {"proprioception": False}, {}, "GR00T cannot leave the state out"),
         ("being-h", {"proprioception": False}, {}, "Being-H cannot leave the state out"),
         ("being-h", {"frozen": {"being-h": ["language"]}}, {}, "freeze_llm freezes the action expert"),
-        ("being-h", "better", {"data": ("a/x", "b/x")}, "same last part"),
+        ("being-h", "better", {"data": ("a/x", "b/x")}, "folders of the same name"),
         ("lerobot", {"frozen": {"lerobot": ["vision"]}}, {"policy": "act"}, "act has no switch"),
         ("lerobot", {"steps": 30_000, "save_every": 7_000}, {}, "not a multiple of 7000"),
         ("lerobot", {"steps": 0}, {}, "steps"),

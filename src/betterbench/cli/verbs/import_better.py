@@ -148,7 +148,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
         if one.built.task is not None:
             if one.built.task.id in forms:
                 problem = f"two tasks are called {one.built.task.id} in our form"
-                raise InvalidInputError(str(one.release.folder), problem, "Import them one by one")
+                raise InvalidInputError(str(one.release.folder), problem, "Import the releases one by one")
             forms[one.built.task.id] = task_to_json(one.built.task)
     if not forms:
         return None

@@ -213,7 +213,7 @@ def _ask_learner(
         raise InvalidInputError("--learner", "needs the run of this learner", "Give --run RUN and no other folder")
     if out is not None:
         raise InvalidInputError(
-            "--out", "the learner's answers are printed, and no set is written", "Leave it out, or give --json"
+            "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or give --json"
         )
     if find_kind(address) is not LEARNED:
         raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {LEARNED.shown}")

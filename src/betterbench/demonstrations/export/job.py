@@ -358,7 +358,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
-        raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
+        raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export the runs one by one")
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
     ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])

@@ -148,7 +148,9 @@ def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
         if spec.cameras and set(wanted) <= {camera.name for camera in spec.cameras}:
             return spec
     problem = f"{name or 'no observation preset'} does not render all of the cameras {', '.join(wanted) or 'at all'}"
-    raise InvalidInputError("--observation", f"{problem} of the preset {adapter.name}", "Leave it out, or give another")
+    raise InvalidInputError(
+        "--observation", f"{problem} of the preset {adapter.name}", "Leave out --observation, or give another"
+    )
 
 
 def _shown_size(rule: ImageRule, camera: CameraSpec) -> tuple[int, int]:

@@ -138,7 +138,7 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
     frozen = set(parts)
     if frozen and policy not in ("smolvla", "pi05"):
         raise InvalidInputError(
-            "frozen: lerobot", f"{policy} has no switch for it", "Leave it out, or take pi05 or smolvla"
+            "frozen: lerobot", f"{policy} has no switch for frozen parts", "Leave out frozen, or use pi05 or smolvla"
         )
     if frozen == {"language"}:
         problem = f"the language model of {policy} alone cannot be frozen"

@@ -229,7 +229,7 @@ class _Said:
         else:
             if self.tasks is None:
                 problem = f"{self.column} contains no texts"
-                raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
+                raise RecordError(f"{file}: {problem}. Name a column with strings or with task indices.")
             values = numbers_in(file, self.column, column, 1)
             finite = np.isfinite(values)
             counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)

@@ -95,7 +95,7 @@ def repeated_plan(
     if differences and not allow_other_versions:
         raise RunConflictError(
             f"{where}: results would differ from the original run, because {'; '.join(differences)}. "
-            "Install the versions in its context, or give --allow-other-versions and treat the results as a "
+            "Install the versions of the original run, or give --allow-other-versions and treat the results as a "
             "separate run."
         )
     return plan

@@ -77,7 +77,8 @@ def check_record(path: Path) -> ReplayCheck:
     scene = _scene(record, found, None if run is None else run.plan.get("quality"))
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
-            f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again."
+            f"{path}: the scene has changed since the recording ({', '.join(notes) or 'same versions'}). "
+            "Record it again."
         )
     try:
         again, truth, met = _simulate(scene, record, found)

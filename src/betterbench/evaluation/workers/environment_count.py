@@ -163,7 +163,7 @@ class EnvironmentCount:
             return
         self.number = goal
         logger.info(
-            "an answer takes %.0f ms and a chunk %.1f ms of this worker: %d environments instead of %d",
+            "an answer takes %.0f ms and this worker spends %.1f ms on a chunk: %d environments instead of %d",
             1e3 * window.latency_s,
             1e3 * window.worker_s,
             goal,

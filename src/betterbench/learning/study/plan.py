@@ -214,7 +214,9 @@ class StudyPlan:
         plain = self.recipe_of(start, ("data",))
         if plain.co_training is not None or recipe.co_training is not None:
             problem = "its start learner answers questions about other demonstrations, or none"
-            raise InvalidInputError(f"lever {learner.lever}.co_training", problem, "Leave it out, or the start")
+            raise InvalidInputError(
+                f"lever {learner.lever}.co_training", problem, "Leave out co_training, or the start"
+            )
         theirs = plain.shape
         other = next((name for name, value in recipe.shape.items() if theirs[name] != value), None)
         if other is not None:
@@ -222,7 +224,7 @@ class StudyPlan:
                 f"lever {learner.lever}.{other}",
                 f"the learner of {start.arm} that it starts with has another value",
             )
-            raise InvalidInputError(where, problem, "Leave it out, or change it in the recipe of the study")
+            raise InvalidInputError(where, problem, "Leave out this field, or change it in the recipe of the study")
 
     def _require_words_known(self, where: str, lever: Lever) -> None:
         """Raise InvalidInputError for a start whose vocabulary lacks words of the lever's demonstrations."""
@@ -303,7 +305,7 @@ def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, A
         raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or omit the field")
     if "sets" in given:
         raise InvalidInputError(
-            f"{where}.sets", "the study creates its own questions", "Leave it out, or the questions"
+            f"{where}.sets", "the study creates its own questions", "Leave out sets, or the questions"
         )
     return {**given, "sets": questions}
 

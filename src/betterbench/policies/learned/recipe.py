@@ -227,7 +227,7 @@ class TrainingRecipe:
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
             problem = f"the family {self.family} does not have it"
-            raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
+            raise InvalidInputError(foreign, problem, "Leave out this field, or change the family")
         parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
@@ -249,7 +249,7 @@ class TrainingRecipe:
         for name, value in self.options.items():
             if name not in family.options:
                 problem = str(UnknownNameError(f"option of the family {self.family}", name, family.options)).rstrip(".")
-                raise InvalidInputError("options", problem, "Leave it out, or change the family")
+                raise InvalidInputError("options", problem, "Leave out the options, or change the family")
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
                 problem = f"{value!r} is not of type {wanted.__name__}, the type of its default"

@@ -216,7 +216,7 @@ class PolicyProcess:
 
     def _require_unchanged(self, declared: Declared) -> None:
         if declared.source != self.source:
-            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore it.")
+            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore the file.")
 
 
 class BatchPolicyProcess(PolicyProcess):

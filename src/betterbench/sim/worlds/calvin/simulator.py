@@ -182,7 +182,9 @@ class CalvinSimulator:
         cameras = {camera.name: (camera.width, camera.height) for camera in self._cameras}
         for camera, side in CAMERAS.values():
             if cameras.get(camera) != (side, side):
-                raise ValueError(f"the camera {camera} has {cameras.get(camera)} pixels, and CALVIN's {side} x {side}")
+                raise ValueError(
+                    f"the camera {camera} has {cameras.get(camera)} pixels, but CALVIN's has {side} x {side}"
+                )
         self._env = env
 
     def _require_images(self) -> None:

@@ -144,6 +144,6 @@ def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """
     if not 1 <= count <= CHAINS:
         raise InvalidInputError(
-            "chains", f"{count} is not between 1 and {CHAINS}", f"Take {CHAINS} for CALVIN's number"
+            "chains", f"{count} is not between 1 and {CHAINS}", f"Give {CHAINS} for the same number as CALVIN"
         )
     return _every_chain()[:count]
