@@ -146,7 +146,7 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"better/step": 5}, "executed other actions"),
+        ({"better/step": 5}, "executed actions that were not in the answers"),
         ({"better/step": 100_000}, "ends after"),
         ({"better/step": -1}, "better/step"),
         ({"better/joint_positions": np.zeros(6)}, "better/joint_positions: expected 7 finite numbers"),
