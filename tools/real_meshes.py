@@ -3,7 +3,7 @@
     .venv/bin/python tools/real_meshes.py MESHES --out runs/meshes [--workers 2]
 
 Each file (``*.glb``, and ``NAME/*.obj`` with NAME as the name of the object) is imported with its name and a license as
-its only options. The seconds are those of the processor for the import, without the certificate. Each result is a line
+its only options. The seconds are CPU seconds of the import, without the certificate. Each result is a line
 of ``journal.jsonl``, and the same command goes on after an interruption; ``--pictures`` also
 writes a picture per object: visible parts, collision parts, and pose at rest.
 """
@@ -45,7 +45,7 @@ class Tried:
         failed: Sentences of the failed checks, or the message of the importer.
         imported: Whether the importer made an asset.
         still: Whether an asset that passed lies still in a separate simulation.
-        seconds: Processor time of the import.
+        seconds: CPU time of the import.
         hulls: Number of collision parts.
     """
 
@@ -129,7 +129,7 @@ def print_summary(results: list[Tried]) -> dict[str, float]:
     print(f"imported: {100 * rates['imported']:.1f} % of {len(results)}")
     print(f"passed their certificate: {100 * rates['passed']:.1f} % ({len(passed)})")
     print(f"of these lie still: {100 * rates['still']:.1f} %")
-    print(f"processor time of an import: median {rates['median_s']:.1f} s, at most {rates['longest_s']:.1f} s")
+    print(f"CPU time of an import: median {rates['median_s']:.1f} s, at most {rates['longest_s']:.1f} s")
     return rates
 
 

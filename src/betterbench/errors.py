@@ -114,7 +114,7 @@ class UnknownNameError(BetterError):
             same = kind
             kind, name, known = same.kind, same.name, same.known
         names = sorted(known)
-        # The comparison takes quadratic time in the length, and a name may come from an untrusted file.
+        # Truncate the name: matching takes quadratic time in its length, and it may come from an untrusted file.
         close = difflib.get_close_matches(name[:LONGEST_SHOWN], names, n=3, cutoff=0.5)
         hint = f"Did you mean {' or '.join(repr(c) for c in close)}? " if close else ""
         listed = ", ".join(names) if names else "none"
@@ -169,7 +169,7 @@ class InvalidInputError(BetterError):
     cure: str
 
     def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
-        """Build the message; given another such error, copy it (see :class:`UnknownNameError`)."""
+        """Build the message. If the argument is another such error, copy it (see :class:`UnknownNameError`)."""
         if isinstance(where, InvalidInputError):
             same = where
             where, problem, cure = same.where, same.problem, same.cure

@@ -91,7 +91,7 @@ def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> M
 
 
 def extra_command(extra: str) -> str:
-    """Return the shell command that adds an extra to this installation; UnknownNameError for an unknown extra."""
+    """Return the shell command that adds an extra to this installation; raise UnknownNameError for an unknown extra."""
     if extra not in EXTRAS:
         raise UnknownNameError("extra", extra, EXTRAS)
     clone = clone_folder()
@@ -163,7 +163,7 @@ def requirements_of(extra: str) -> tuple[str, ...]:
 
 
 def clone_folder() -> Path | None:
-    """Return the root folder of this package's clone; None if it was installed from a wheel."""
+    """Return the root folder of this package's clone, or None if it was installed from a wheel."""
     folder = Path(__file__).resolve().parents[2]
     is_clone = (folder / "tools" / "setup_environment.py").is_file() and (folder / "pyproject.toml").is_file()
     return folder if is_clone else None

@@ -244,11 +244,11 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 
 
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
-    """Return the value of a JSON text; raise ValueError if it is not JSON, or nested deeper than 200.
+    """Parse a JSON string; raise ValueError if it is not valid JSON or has more than 200 nested levels.
 
-    Code that traverses a deeper value would fail elsewhere. Integers may have any size, as in JSON; for calculations,
-    use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With ``number``,
-    numbers are converted by that function, and NaN and Infinity are rejected.
+    Code that traverses a value nested more deeply would fail elsewhere. Integers may have any size, as in JSON; for
+    calculations, use a form that bounds them. With ``unique``, InvalidInputError is raised for a duplicate key. With
+    ``number``, numbers are converted by that function, and NaN and Infinity are rejected.
     """
     try:
         found = json.loads(
@@ -396,9 +396,11 @@ def dump_json(form: object) -> bytes:
     except UnicodeEncodeError as error:
         shown = one_line(encodable(error.object[max(0, error.start - 20) : error.end + 20]), most=80)
         problem = f"contains a lone surrogate, which has no encoding, in {shown!r}"
-        raise InvalidInputError("metadata", problem, "Write the text in UTF-8") from error
+        raise InvalidInputError("metadata", problem, "Encode the text as UTF-8") from error
     except (TypeError, ValueError) as error:
-        raise InvalidInputError("metadata", str(error), "Use texts, finite numbers, lists and mappings only") from error
+        raise InvalidInputError(
+            "metadata", str(error), "Use only strings, finite numbers, lists and mappings"
+        ) from error
 
 
 def file_digest(path: Path) -> str:

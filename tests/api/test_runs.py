@@ -236,7 +236,7 @@ def test_runs_that_are_not_there(tmp_path):
 
 
 def test_a_level_out_of_range_is_named_as_the_argument(runs):
-    with pytest.raises(InvalidInputError, match=r"^alpha: 2 is not a level"):
+    with pytest.raises(InvalidInputError, match=r"^alpha: 2 is not a significance level"):
         betterbench.compare(runs[0], runs[2], alpha=2)
 
 

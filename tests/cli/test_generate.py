@@ -88,7 +88,7 @@ def test_a_model_without_a_good_answer_ends_with_status_2_and_the_reason(capsys,
     command = ["generate", "loose_packing", "--num", "1", "--model", "http://localhost:1/v1#shy"]
     assert main([*command, "--out", str(tmp_path / "out")]) == 2
     error = " ".join(capsys.readouterr().err.split())
-    assert "is a text and not JSON: 'I cannot.'" in error
+    assert "is not JSON: 'I cannot.'" in error
     assert "exchanges.jsonl" in error
     assert len((tmp_path / "out/exchanges.jsonl").read_text().splitlines()) == 3
 

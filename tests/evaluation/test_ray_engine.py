@@ -173,7 +173,7 @@ def seeds(entries: list[JournalEntry]) -> list[int]:
 
 def test_a_cluster_without_a_place_for_a_worker_is_named_in_time(play):
     ray = FakeRay(Actor(placed=NEVER))
-    with pytest.raises(InvalidInputError, match=r"no free processor for a worker \(free: CPU 0\)"):
+    with pytest.raises(InvalidInputError, match=r"no free CPU core for a worker \(free: CPU 0\)"):
         play(ray)
     assert PLACING_S < ray.now - 1000.0 < PLACING_S + 10.0
 
@@ -196,7 +196,7 @@ def test_the_clock_begins_again_when_all_workers_are_replaced_with_their_replica
 
 def test_a_place_that_is_not_found_again_is_named_too(play):
     ray = FakeRay(Actor(works=2 * PLACING_S, fails=errors.ActorDiedError()), Actor(placed=NEVER))
-    with pytest.raises(InvalidInputError, match="no free processor for a worker"):
+    with pytest.raises(InvalidInputError, match="no free CPU core for a worker"):
         play(ray)
     assert 3 * PLACING_S < ray.now - 1000.0 < 3 * PLACING_S + 10.0
 

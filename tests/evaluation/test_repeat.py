@@ -155,7 +155,7 @@ def test_a_policy_that_declares_something_else_is_no_repetition(uninterrupted, t
     arguments = ["eval", "--from", str(source), "--out", str(tmp_path / "run"), "--uncertified"]
     assert main(arguments) == 2
     text = capsys.readouterr().err.replace("\n", " ")
-    assert "is not the one of this run" in text
+    assert "is not the policy of this run" in text
     assert "policy.metadata.checkpoint" in text
     assert not (tmp_path / "run").exists()
 

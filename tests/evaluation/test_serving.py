@@ -146,7 +146,7 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"better/step": 5}, "executed other actions"),
+        ({"better/step": 5}, "executed actions that were not in the answers"),
         ({"better/step": 100_000}, "ends after"),
         ({"better/step": -1}, "better/step"),
         ({"better/joint_positions": np.zeros(6)}, "better/joint_positions: expected 7 finite numbers"),
@@ -242,7 +242,7 @@ def test_a_client_with_liberos_layout_that_plays_other_actions_is_told(number, v
         answer = client.libero(**({"better/step": 8} if counts else {}))
     assert isinstance(answer, str)
     assert "morning_coffee/train1/0 step 8: the client's robot is not where the answered actions lead" in answer
-    assert "executed other actions than those answered" in answer
+    assert "executed actions that were not in the answers" in answer
     assert "\n" not in answer
 
 

@@ -80,8 +80,8 @@ def test_a_good_answer_is_accepted_with_and_without_a_code_fence(tmp_path):
 WRONG = {
     "malformed JSON": (text(GOOD)[:-9], "answer: is not JSON ("),
     "empty": ("  \n", "answer: is empty"),
-    "refusal": ("I cannot help with that.", "answer: is a text and not JSON: 'I cannot help with that.'"),
-    "prose around": (f"Here you are:\n{text(GOOD)}", "answer: is a text and not JSON: 'Here you are: ["),
+    "refusal": ("I cannot help with that.", "answer: is not JSON: 'I cannot help with that.'"),
+    "prose around": (f"Here you are:\n{text(GOOD)}", "answer: is not JSON: 'Here you are: ["),
     "no list": (json.dumps(GOOD), "answer: is a JSON object and not a list"),
     "two": (json.dumps([GOOD, OTHER]), "answer: is a list of 2 scenarios"),
     "none": ("[]", "answer: is a list of 0 scenarios"),

@@ -134,7 +134,7 @@ def test_clients_that_do_not_say_where_they_are_get_no_continuation_and_that_is_
         for step in (0, 12):
             client.act(seen(step))
     assert not any("prev_chunk" in asked for asked in policy.asked)
-    assert caplog.text.count("does not send its step") == 1
+    assert caplog.text.count("does not send its step number") == 1
 
 
 def test_tensors_are_sent_as_arrays(bridged):

@@ -302,7 +302,7 @@ def test_arrays_that_lie_are_refused():
         ({b"dtype": "<f4\n"}, "not a plain number"),
         ({b"dtype": 3}, "not a plain number"),
         ({b"dtype": "<U0"}, "does not take"),
-        ({b"dtype": "<U2", b"data": b"\xff" * 8, b"shape": [1]}, "a text in an array has invalid characters"),
+        ({b"dtype": "<U2", b"data": b"\xff" * 8, b"shape": [1]}, "a string in an array has invalid characters"),
         ({b"data": "text"}, "data of an array are a str"),
         ({b"data": None}, "data of an array are a NoneType"),
     ]:

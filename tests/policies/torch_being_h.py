@@ -273,7 +273,7 @@ def laughing():
         (rezipped(saved(chunk()), compressed), "it is compressed"),
         (rezipped(saved(chunk()), hoarding), "it contains a bytearray"),
         (laughing(), "more than 200000 values"),
-        (saved({1: 2}), "keys that are not texts"),
+        (saved({1: 2}), "keys that are not strings"),
         (saved({"a": torch.zeros(1).expand(10**9)}), "too large"),
         (saved({"a": torch.zeros(1).expand(10**7)}), "larger than its bytes"),
         (saved({"a": torch.zeros(3, 3).to_sparse()}), "sparse"),

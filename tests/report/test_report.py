@@ -432,7 +432,7 @@ def _always_at(kind):
         (_failed(Label.CAUSAL_CONFUSION, rule="finished_step_repeated"), "It repeats finished steps"),
         (_failed(Label.CAUSAL_CONFUSION, rule="required_step_skipped"), "It skips steps that are still open"),
         (_failed(Label.PHASE_CONFLICT, rule="freeze_in_mid_task_scene"), "It freezes before its first grasp"),
-        (_failed(Label.PHASE_CONFLICT, rule="to_and_fro"), "It moves to and fro"),
+        (_failed(Label.PHASE_CONFLICT, rule="to_and_fro"), "It moves back and forth"),
         (_failed(Label.BEHAVIORAL_INERTIA, rule="memorized_place"), "It brings objects where training brought them"),
         (_failed(Label.BEHAVIORAL_INERTIA, rule="most_frequent_first_step"), "It begins with the first step of most"),
         (_failed(Label.EARLY_HALT, attempts=False), "It stops before its first grasp."),

@@ -64,7 +64,7 @@ def evaluate(
         quality: Render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
         until_decided: Whether to stop a variation as soon as its verdict is certain; ``trials`` is then the maximum.
-        workers: Number of worker processes, for an address; None for one per processor. A script with more than one
+        workers: Number of worker processes, for an address; None for one per CPU core. A script with more than one
             worker needs ``if __name__ == "__main__":``, because each worker imports it again.
         policy_timeout_s: Deadline for an answer from a policy that does not run on a server [s].
         certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.

@@ -58,7 +58,7 @@ class Gate:
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return the rest of a request's path after the token; None without the right token."""
+        """Return the rest of a request's path after the token, or None without the right token."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):
@@ -66,7 +66,7 @@ class Gate:
         return f"/{rest}{mark}{query}"
 
     def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
-        """Return the path of an admitted request; None for a rejected one."""
+        """Return the path of an admitted request, or None for a rejected one."""
         hosts = request.headers.get_all("Host")
         if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
             return None

@@ -21,7 +21,7 @@ STOP_S = 0.5
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
-    """Return viser; MissingDependencyError if it is not installed."""
+    """Return viser; raise MissingDependencyError if it is not installed."""
     try:
         return importlib.import_module("viser")
     except ImportError as problem:
@@ -29,7 +29,7 @@ def load_viser() -> Any:  # noqa: ANN401 - a module
 
 
 def free_port(host: str, port: int) -> int:
-    """Return a port to listen on: the given one, or any for 0; InvalidInputError if it is not available."""
+    """Return a port to listen on: the given one, or any for 0; raise InvalidInputError if it is not available."""
     if not 0 <= port <= 65535:
         raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
     try:

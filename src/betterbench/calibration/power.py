@@ -90,7 +90,7 @@ def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, p
     suite = [get_task(name) for name in suite_tasks("better60")]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
     keys = [(task.id, v.name) for task in chosen for v in task.variations]
-    # The number of cells always refers to the full suite, even if only a few tasks are measured, so the trials stay the
+    # Count the cells of the full suite even if only a few tasks are measured, so that the trials stay the
     # same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
     chances = {key: chance_of(*key) for key in keys}

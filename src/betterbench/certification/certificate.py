@@ -153,7 +153,7 @@ class Certificate:
         return sum(t.expert_s for t in self.trials) / len(self.trials) if self.trials else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, including a derived summary per condition that is not read back."""
+        """Return a JSON-serializable dict, including a derived summary per condition that is not read back."""
         form = asdict(self)
         form["seeds"] = seed_ranges(self.seeds)
         form["clause_texts"] = dict(CLAUSES)

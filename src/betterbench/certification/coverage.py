@@ -122,7 +122,7 @@ class Coverage:
         return Coverage(replace(self.versions, tasks=dict(sorted(numbers.items()))), dict(conditions))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; empty entries are left out."""
+        """Return a JSON-serializable dict; empty entries are left out."""
         form = asdict(self)
         form["conditions"] = {
             name: {key: value for key, value in seeds.items() if value} for name, seeds in form["conditions"].items()
@@ -214,7 +214,10 @@ def coverage_of(tasks: Iterable[str]) -> Coverage:
 
 
 def load_coverage(path: Path) -> Coverage:
-    """Read the coverage from a certificate, its folder or a coverage file; InvalidInputError if it is unreadable."""
+    """Read the coverage from a certificate, its folder or a coverage file.
+
+    Raises InvalidInputError if the file is unreadable.
+    """
     return _load(path / "certificate.json" if path.is_dir() else path, str(path))
 
 

@@ -145,7 +145,10 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Return how far a release deviates from all demonstrated releases at its target; None if it is among them."""
+        """Return how far a release deviates from all demonstrated releases at its target.
+
+        Returns None if it is among them.
+        """
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -192,6 +195,6 @@ def _turn(pose: Pose, trained: FlatPose) -> float:
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:
-    """Return the distance from a pose to the border of a slot's jitter region [m]; negative outside."""
+    """Return the distance from a pose to the border of a slot's jitter region [m]. The value is negative outside."""
     dx, dy = abs(pose.position[0] - slot.x), abs(pose.position[1] - slot.y)
     return slot.jitter_m - max(dx, dy)

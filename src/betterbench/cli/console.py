@@ -119,7 +119,7 @@ def document_alone() -> Iterator[None]:
 
 
 def _number_of(stream: TextIO) -> int | None:
-    """Return the file descriptor of a stream; None if the stream is not a file, as in a test or a notebook."""
+    """Return the file descriptor of a stream, or None if the stream is not a file, as in a test or a notebook."""
     try:
         return stream.fileno()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""The command ``better``: a table of verbs. Only the chosen verb is imported."""
+"""The ``better`` command line: a table of subcommands. Only the module of the chosen subcommand is imported."""
 
 from __future__ import annotations
 

@@ -58,14 +58,14 @@ class Outlook:
 
     @property
     def rate(self) -> float | None:
-        """Steps per second since the first report; None before the second one."""
+        """Steps per second since the first report, or None before the second one."""
         if self._first is None or self.seen_s <= 0.0:
             return None
         return (self.steps - self._first[1]) / self.seen_s
 
     @property
     def most_left_s(self) -> float | None:
-        """Remaining time if every trial takes the maximum number of steps [s]; None while there is no estimate."""
+        """Remaining time if every trial takes the maximum number of steps [s], or None while there is no estimate."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:
@@ -78,7 +78,7 @@ class Outlook:
         return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
 
     def first_estimate(self) -> str | None:
-        """Return the message about the run's duration after its first seconds; None if the run is short."""
+        """Return the message about the run's duration after its first seconds, or None if the run is short."""
         if self.most_left_s is None or self.most_left_s < LONG_S:
             return None
         return (

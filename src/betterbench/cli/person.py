@@ -10,7 +10,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 
 def person_named(name: str | None, option: str) -> str:
-    """Return a person's name, by default the user name; raises InvalidInputError if it is not one short line."""
+    """Return a person's name, by default the user name; raise InvalidInputError if it is not one short line."""
     try:
         who = getpass.getuser() if name is None else name
     except (KeyError, OSError):  # the user id of this process has no name

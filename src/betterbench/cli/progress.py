@@ -29,7 +29,7 @@ FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 
 
 class _Widths(NamedTuple):
-    """Column widths of the line's shrinkable parts; 0 for an omitted part."""
+    """Column widths of the line's shrinkable parts; an omitted part has width 0."""
 
     what: int
     bar: int
@@ -78,7 +78,7 @@ def took(seconds: float, size: int) -> str:
 
 
 def _count_text(task: Task) -> str:
-    """Return how much is done ("  7/120"); empty while the total is unknown."""
+    """Return how much is done ("  7/120"). The result is empty while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"

@@ -65,7 +65,7 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return trials per minute of this session and the time left; empty before its first trial has ended.
+    """Return trials per minute of this session and the time left, or an empty string before its first trial has ended.
 
     For a run with ``--until-decided``, the time left is an upper bound.
     """
@@ -89,7 +89,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return a policy's answer times as a sentence; empty if they are unknown."""
+    """Return a policy's answer times as a sentence, or an empty string if they are unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -139,11 +139,9 @@ def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
         )
     if times.bottleneck == "rendering":
         less = ", --quality fast or --observation state_only (if the policy needs no images)" if drawn_here else ""
-        return (
-            f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers, would help."
-        )
+        return f"Rendering is the bottleneck: a graphics card{less}, or more CPU cores with more --workers, would help."
     what = "Simulation" if drawn_here else "Simulation (with its images, if the world draws at each step)"
-    cure = "more processors with more --workers, or more machines with --engine ray"
+    cure = "more CPU cores with more --workers, or more machines with --engine ray"
     return f"{what} is the bottleneck: use {cure}."
 
 

@@ -29,7 +29,7 @@ _LEAST_ROOM = 1 << 20
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
-    """Return a run's figures by name ("success_rate/fast_food/T1"), with their confidence bounds.
+    """Return a run's metrics by name ("success_rate/fast_food/T1"), with their confidence bounds.
 
     Labels are counted over the trials of variations ("labels/timeout").
     """

@@ -62,7 +62,7 @@ class Comparison:
         return any(c.different and c.higher == c.second for c in mine)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better compare --json`` prints."""
+        """Return the JSON-serializable dict that ``better compare --json`` prints."""
         rows = zip(self.sides, self.matching.trials, self.matching.left_out, strict=True)
         runs = [
             {
@@ -108,7 +108,9 @@ def compare(
         RunConflictError: If versions or engines differ and that is not allowed.
     """
     if not 0.0 < alpha < 1.0:
-        raise InvalidInputError("--alpha", f"{alpha:g} is not a level", "Give a number between 0 and 1, such as 0.05")
+        raise InvalidInputError(
+            "--alpha", f"{alpha:g} is not a significance level", "Give a number between 0 and 1, such as 0.05"
+        )
     if len(sides) < 2:
         raise InvalidInputError(
             "runs", f"a comparison needs at least two runs, got {len(sides)}", "Name at least two runs"
@@ -116,7 +118,7 @@ def compare(
     matching = match_sides(sides, allow_mixed=allow_mixed)
     if sequential and not matching.paired:
         raise InvalidInputError(
-            "--sequential", "the runs share no trial", "Run the policies with the same --seed, or leave it out"
+            "--sequential", "the runs share no trial", "Run the policies with the same --seed, or drop --sequential"
         )
     names = tuple(s.name for s in sides)
     groups = tuple(g for family in _families(matching) for g in _judged(family, names, matching, alpha))

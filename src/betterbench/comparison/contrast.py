@@ -72,7 +72,7 @@ class Contrast:
         return None if gap == 0.0 else self.first if gap > 0.0 else self.second
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form = {name: getattr(self, name) for name in self.__slots__}
         for name in ("first_rate", "second_rate", "difference"):
             form[name] = form[name].to_json()
@@ -98,7 +98,7 @@ class Group:
     contrasts: tuple[Contrast, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         sides = [
             {"name": name, "rate": rate.to_json(), "letters": letters}
             for name, rate, letters in zip(self.names, self.rates, self.letters, strict=True)
@@ -128,7 +128,7 @@ class SequentialContrast:
     different: bool
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "first": self.first,
             "second": self.second,

@@ -116,7 +116,7 @@ class Submission:
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
     def file_bytes(self) -> bytes:
@@ -192,7 +192,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a file begins like a submission of any version; raises OSError."""
+    """Return whether a file begins like a submission of any version; raise OSError."""
     with open_ordinary(path) as file:
         return file.read(len(_BEGINNING)) == _BEGINNING
 

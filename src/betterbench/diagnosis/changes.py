@@ -52,11 +52,11 @@ class TrialChange:
 
     @property
     def labels(self) -> tuple[str, str]:
-        """The label before and now; "none" if the trial is missing."""
+        """The previous and the present label, or "none" for a missing trial."""
         return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form: dict[str, Any] = {"key": self.key, "sort": self.sort, "reasons": list(self.reasons)}
         for side, trial in (("before", self.before), ("now", self.now)):
             form[side] = None if trial is None else asdict(trial)
@@ -104,7 +104,7 @@ class DiagnosisChanges:
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "version_before": self.version_before,
             "version_now": self.version_now,

@@ -110,7 +110,7 @@ def _first_few(keys: Sequence[str]) -> str:
 
 
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
-    """Return the statistical support of a rule as a clause, or an empty text for labels that need no rule."""
+    """Return the statistical support of a rule as a clause, or an empty string for labels that need no rule."""
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)

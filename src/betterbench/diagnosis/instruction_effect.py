@@ -45,7 +45,7 @@ def scene_of(record: Record) -> str:
         )
     )
     arm = np.round([*record.joint_positions[0], record.finger_width[0]], _PLACE_DIGITS).tolist()
-    # Adding zero turns -0.0 into 0.0: a different text for the same number.
+    # Adding zero turns -0.0 into 0.0, so that equal numbers have the same JSON and the same hash.
     form = json.dumps([[a, k, [x + 0.0 for x in numbers]] for a, k, numbers in things] + [[x + 0.0 for x in arm]])
     return hashlib.sha256(form.encode()).hexdigest()[:16]
 

@@ -124,7 +124,10 @@ class LiberoRun:
 
 
 def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return the LIBERO-PRO suites that would add information to runs of base suites; empty if such a suite was run."""
+    """Return the LIBERO-PRO suites that would add information to runs of base suites.
+
+    The result is empty if such a suite was run.
+    """
     if any(trial.variation is not None for trial in trials):
         return ""
     told = [f"{suite}_swap" for suite in dict.fromkeys(suite_of(t.task) for t in trials) if f"{suite}_swap" in SUITES]

@@ -185,7 +185,7 @@ _WORLD = TypeAdapter(_WorldForm)
 
 
 def reader_of(run: RunFolder) -> Reader:
-    """Return the reader for the world of a run; RecordError if the plan lacks data for it."""
+    """Return the reader for the world of a run; raise RecordError if the plan lacks data for it."""
     return _READERS[run.world.reading](run)
 
 

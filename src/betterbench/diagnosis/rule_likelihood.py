@@ -75,7 +75,7 @@ def family_of(rule: str) -> str:
 
 
 def predicted_slots(rule: str, choice: Choice) -> frozenset[str]:
-    """Return the slots that a rule predicts in a trial; empty if it makes no prediction."""
+    """Return the slots that a rule predicts in a trial, or an empty set if it makes no prediction."""
     steps = choice.step_slots or (choice.later_slots,)
     predictions = {
         WORD: choice.word_slots,

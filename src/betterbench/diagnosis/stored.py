@@ -112,7 +112,7 @@ class StoredDiagnosis:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> StoredDiagnosis:
-        """Read the JSON document; errors call it ``where``.
+        """Read the JSON document; error messages name it ``where``.
 
         Raises:
             RecordError: If the file was changed after it was written, its schema version is not supported, or a field

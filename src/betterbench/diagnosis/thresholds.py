@@ -80,7 +80,7 @@ RETREAT = threshold("retreat", 0.15, "m",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
     "Number of times that an open gripper must come over the right object, leaving it in between, for the motion to "
-    "count as moving to and fro. None of 645 honest trials of the independent family had even two before the first "
+    "count as moving back and forth. None of 645 honest trials of the independent family had even two before the first "
     "grasp.",
     "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
 COMES_DOWN = threshold("comes_down", 0.035, "m",
@@ -142,21 +142,21 @@ RISEN_AGAIN = threshold("risen_again", 0.03, "m",
     "Larger: fewer attempts are given up; fewer execution_failure, more timeout.",
     listed=False)
 
-# To and fro.
+# Back and forth.
 TO_AND_FRO = threshold("to_and_fro", 5.0, "1",
-    "Minimum ratio between an empty gripper's path length and the diameter of its region for motion to and fro. A "
+    "Minimum ratio between an empty gripper's path length and the diameter of its region for motion back and forth. A "
     "straight path has 1; 99 % of the paths of honest policies between two grasps have less than 4.4.",
-    "Larger: fewer paths are to and fro; fewer phase_conflict, more timeout.")
+    "Larger: fewer paths are back and forth; fewer phase_conflict, more timeout.")
 TO_AND_FRO_TRAVEL = threshold("to_and_fro_travel", 0.4, "m",
-    "Minimum path length of motion to and fro; servo jitter adds up to less in a minute.",
-    "Larger: fewer paths are to and fro; fewer phase_conflict, more timeout.")
+    "Minimum path length of motion back and forth; servo jitter adds up to less in a minute.",
+    "Larger: fewer paths are back and forth; fewer phase_conflict, more timeout.")
 LEAST_REGION = threshold("least_region", 0.02, "m",
-    "Minimum diameter of the region of motion to and fro, so that an arm trembling in place is excluded.",
-    "Larger: fewer small motions are to and fro; fewer phase_conflict, more timeout and early_halt.",
+    "Minimum diameter of the region of motion back and forth, so that an arm trembling in place is excluded.",
+    "Larger: fewer small motions are back and forth; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
     "Minimum fraction of its distance to the right object by which a path's center must come nearer from each quarter "
-    "to the next for the path to lead there. The center of undecided motion to and fro does not come nearer.",
+    "to the next for the path to lead there. The center of undecided motion back and forth does not come nearer.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
@@ -185,9 +185,9 @@ OVER_GOAL = threshold("over_goal", 0.06, "m",
     "Larger: more objects are held at their target region; more timeout for grippers that never open, fewer "
     "early_halt.")
 SEARCH_STEP = threshold("search_step", 0.5, "s",
-    "Interval at which starts of a halt, or of motion to and fro, are searched; a shorter interval finds the same "
+    "Interval at which starts of a halt, or of motion back and forth, are searched; a shorter interval finds the same "
     "starts slightly earlier.",
-    "Larger: halts and motion to and fro begin later or are missed; fewer early_halt and phase_conflict, more "
+    "Larger: halts and motion back and forth begin later or are missed; fewer early_halt and phase_conflict, more "
     "timeout.",
     listed=False)
 
@@ -267,7 +267,7 @@ NEARLY_ALL = threshold("nearly_all", 0.9, "1",
     "Larger: fewer cues are named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
     listed=False)
 
-# Sentences about several trials, and the power matrix.
+# Thresholds for conclusions from several trials, and for the power matrix.
 SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
     "Minimum share of a policy's trials with one mode that must look alike for a conclusion more specific than the "
     "mode.",

@@ -189,7 +189,10 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 
 
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
-    """Return the first attempt as a choice; None if there is none, or for look-alikes, which have their own label."""
+    """Return the first attempt as a choice.
+
+    Returns None if there is none, or for look-alikes, which have their own label.
+    """
     trace, trained = episode.trace, episode.trained
     standing = dict(_standing_at_start(episode))
     first = episode.first_choice

@@ -32,7 +32,7 @@ class UntilDecided:
 
     @property
     def waiting(self) -> frozenset[TrialId]:
-        """The trials in the current round without a record; empty if the run is complete."""
+        """The trials in the current round without a record, or an empty set if the run is complete."""
         return frozenset(_trial(name, seed) for name, seed in self.decisions.waiting)
 
     @property
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the meaning of the verdicts and figures."""
+        """Return notes on the meaning of the verdicts and rates."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
@@ -69,7 +69,7 @@ class UntilDecided:
         return verdicts, numbers
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "rule": asdict(self.rule),
             "first_seeds": list(self.first_seeds),

@@ -140,13 +140,13 @@ class TrialDiagnosis:
         return None if self.variation is None else str(TrialId(self.task, self.condition, self.seed))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "label": self.label.value, "kind": self.kind.value, "key": self.key}
 
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One number with its uncertainty.
+    """A rate or other measurement with its confidence interval.
 
     Attributes:
         name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
@@ -176,11 +176,11 @@ class Metric:
 
     @classmethod
     def of_rate(cls, name: str, scope: str, rate: Rate) -> Metric:
-        """Return the metric of a simple rate."""
+        """Build a metric from a plain rate, ``k`` of ``n``."""
         return cls(name, scope, rate.k, rate.n, rate.value, rate.low, rate.high)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 
@@ -254,7 +254,7 @@ class RunDiagnosis:
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better diagnose --json`` prints: "trials" contains all planned trials."""
+        """Return the dict that ``better diagnose --json`` prints: "trials" contains all planned trials."""
         return {
             "policy": self.policy,
             "trials": [t.to_json() for t in (*self.trials, *self.waiting)],

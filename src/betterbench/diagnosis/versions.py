@@ -43,7 +43,7 @@ class RecordVersions:
                 other, at = next(iter(known.items()))
                 raise RunConflictError(
                     f"{name} is {value!r} in the record of {trial} and {other!r} in the record of {at}. "
-                    "Run one of the two again, or allow mixed versions and interpret the numbers with care."
+                    "Run one of the two again, or allow mixed versions and interpret the results with care."
                 )
             known.setdefault(value, trial)
         if "simulator" in metadata.engine:  # for a task of another world, each record has the fingerprint

@@ -62,7 +62,7 @@ class Chunks:
     def next(
         self, state: WorldState, privileged: PrivilegedPolicy | None = None
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to execute now; InvalidActionError if an answer is not an array of actions.
+        """Return the action to execute now; raise InvalidActionError if an answer is not an array of actions.
 
         A ``privileged`` policy answers in this thread, and nothing is yielded.
         """
@@ -97,7 +97,7 @@ class Chunks:
     def look(self, step: int) -> None:
         """Render the images for the next request, if it follows immediately, before other uses of the state.
 
-        Rendering empties the processor's caches; in this order, they are filled only once before the next action.
+        Rendering empties the CPU's caches; in this order, they are filled only once before the next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -139,7 +139,7 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether to request the next chunk while the queue is executed; False if it will not be needed."""
+        """Return whether to request the next chunk while the queue is executed, or False if it will not be needed."""
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 

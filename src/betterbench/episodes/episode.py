@@ -187,7 +187,7 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 class _Judge:
     """Recorder and judge for an episode, in blocks of states that end before the episode can succeed.
 
-    Between two physics steps, the processor's caches are cold, and judging a single state takes two to three times as
+    Between two physics steps, the CPU's caches are cold, and judging a single state takes two to three times as
     long per state as judging several. A goal must hold for some time, so the episode never depends on a state in the
     current block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block, three tasks): the
     loop takes 1.15 to 1.16 times as long as the bare physics, and 1.21 to 1.32 times if every state is judged

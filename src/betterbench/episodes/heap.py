@@ -53,7 +53,7 @@ def settled_heap() -> Iterator[None]:
 
     A full collection takes about 10 ms for a run's modules and assets, as long as a control step with images, and up to
     2 ms for an episode's states, which are not garbage. Over an episode of recorded actions, a control step takes 0.789
-    ms instead of 0.797 ms (fast_food) and 0.837 ms instead of 0.844 ms (breakfast_table; processor time, minimum of six
+    ms instead of 0.797 ms (fast_food) and 0.837 ms instead of 0.844 ms (breakfast_table; CPU time, minimum of six
     alternating measurements, 2026-11-28). Code that uses an episode's states must stay inside the context until they
     are freed.
     """

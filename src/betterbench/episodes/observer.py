@@ -50,7 +50,10 @@ class Observer:
         self._renderers = Renderers(renderers)
 
     def look(self, scene: TrialScene) -> Views:
-        """Return the images of the current state, by camera; MissingDependencyError without off-screen OpenGL."""
+        """Return the images of the current state, by camera.
+
+        Raises MissingDependencyError without off-screen OpenGL.
+        """
         return scene.views(self.spec, self._renderers) if self.spec.cameras else {}
 
     def observe(self, scene: TrialScene, state: WorldState, *, views: Views | None = None) -> Observation:

@@ -77,7 +77,7 @@ def footprint(category: str) -> Footprint:
 
 @functools.lru_cache(maxsize=4096)
 def _footprint(category: str, _generator: Generator) -> Footprint:
-    """Measure a category as its present generator makes it; to build all looks takes a tenth of a second."""
+    """Measure a category as built by its current generator; building all looks takes about 0.1 s."""
     assets = [build(category, look=look) for look in (*looks(category), *unseen_looks(category))]
     return _measured(category, assets)
 
@@ -172,7 +172,10 @@ def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
 
 
 def _gap_m(a: ObjectSpec, at: Slot, b: ObjectSpec, there: Slot) -> float:
-    """Return the least distance of two objects over the jitter of their slots [m]; negative if they may overlap."""
+    """Return the least distance of two objects over the jitter of their slots [m].
+
+    The value is negative if they may overlap.
+    """
     jitter = at.jitter_m + there.jitter_m
     (ax, ay), r = _half_sizes(a, at)
     (bx, by), s = _half_sizes(b, there)
@@ -188,7 +191,7 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 
 
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
-    """Return the center of an object's bounding box in a slot [m], world frame; of a circle, its origin."""
+    """Return the center of an object's bounding box in a slot, or of a circle its origin, in the world frame [m]."""
     if not _is_rectangle(spec):
         return slot.x, slot.y
     size = footprint(spec.category)

@@ -97,12 +97,12 @@ _ANSWER, _STORED = TypeAdapter(_Answer), TypeAdapter(_Stored)
 
 
 def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return the JSON form of a scenario."""
+    """Return a scenario as a JSON-serializable dict."""
     return {"schema_version": SCHEMA_VERSION, "template": scenario.template, **answer_to_json(scenario)}
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return the JSON form of a scenario with the paper's fields only, as a model answers."""
+    """Return a scenario with the paper's fields only as a JSON-serializable dict, as a model answers."""
     return {
         "scenario_name": scenario.name,
         "instruction": scenario.instruction,

@@ -59,7 +59,7 @@ def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
 def sense_problems(
     scenario: Scenario, *, where: str = "scenario", mixed: bool = False
 ) -> tuple[InvalidInputError, ...]:
-    """Return the problems of a scenario; empty if it makes sense.
+    """Return the problems of a scenario, or an empty tuple if it makes sense.
 
     Args:
         scenario: The scenario.

@@ -147,7 +147,7 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective stands for; empty if it is none."""
+    """Return the nouns that a collective stands for, or an empty set if it is none."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 

@@ -139,7 +139,7 @@ class ActionSpace:
         raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, which policy handshakes also use."""
+        """Return the JSON-serializable dict, which policy handshakes also use."""
         return {
             "name": self.name,
             "components": list(self.components),
@@ -159,7 +159,7 @@ class ActionSpace:
             return cls(name=str(form["name"]), convention=str(form["convention"]), **texts, **numbers)  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInputError(
-                "action space", f"{error} is missing or malformed", "Send the JSON form that ActionSpace.to_json writes"
+                "action space", f"{error} is missing or malformed", "Pass the JSON that ActionSpace.to_json writes"
             ) from error
 
 

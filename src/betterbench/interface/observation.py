@@ -46,7 +46,7 @@ class ObservationSpec:
         return replace(self, cameras=tuple(camera for camera in self.cameras if camera.name in cameras))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 

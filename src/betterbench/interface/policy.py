@@ -118,7 +118,7 @@ class PolicyInfo:
         for key, value in entries:
             if not isinstance(key, str) or not isinstance(value, str):
                 raise InvalidInputError(
-                    f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give texts by name"
+                    f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give strings by name"
                 )
         for name in ("needs_images", "heavy"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):

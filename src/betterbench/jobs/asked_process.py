@@ -122,7 +122,7 @@ class AskedProcess:
                     raise BrokenPipeError("the process has exited") from None
 
     def recv(self, size: int) -> bytes:
-        """Return the next bytes, empty if the process has ended; TimeoutError if none arrive in time."""
+        """Return the next bytes, empty if the process has ended; raise TimeoutError if none arrive in time."""
         ended = False
         while True:
             self._require_time()

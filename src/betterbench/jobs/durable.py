@@ -60,7 +60,7 @@ class DurableFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError):  # error of a full disk, already raised
+        with contextlib.suppress(OSError):  # a full disk was already reported
             self.file.close()
         with contextlib.suppress(OSError):  # it was already moved, or its folder is gone or protected
             self.part.unlink()

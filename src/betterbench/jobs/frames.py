@@ -57,11 +57,11 @@ class Link(Protocol):
         """Send all bytes."""
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next bytes that have arrived; empty if the other side has ended."""
+        """Return the next bytes that have arrived, or empty bytes if the other side has ended."""
 
 
 def send_frame(link: Link, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0) -> None:
-    """Send a document and arrays by name; FrameError if the other side has ended or does not read in time.
+    """Send a document and arrays by name; raise FrameError if the other side has ended or does not read in time.
 
     The ``number`` identifies a request and its answer. For an array of Python objects, only the shape is sent.
     """
@@ -128,7 +128,7 @@ def answer_requests(link: Link, answer: Callable[[dict[str, Any], dict[str, np.n
 
 
 def _loaded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
-    """Return the value of a JSON text; ValueError if it is not JSON, or a number in it is not finite."""
+    """Parse a JSON string; raise ValueError if it is not valid JSON or contains a number that is not finite."""
     return _DECODE(text.decode())
 
 

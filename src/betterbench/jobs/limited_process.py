@@ -68,7 +68,7 @@ class LimitedProcess:
             main: Function that the process calls with the arguments as texts ("module:function"); it ends with
                 :func:`answer_requests`.
             arguments: Its arguments.
-            cpu_s: Processor time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
+            cpu_s: CPU time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
             environment: Environment variables added to this process's variables.
         """
         module, _, function = main.partition(":")
@@ -191,7 +191,7 @@ class _Patience:
     left_s: float
 
     def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
-        """Wait until a pipe can be written or read; False if no time is left."""
+        """Wait until a pipe can be written or read; return False if no time is left."""
         pipes: list[BinaryIO] = [pipe]
         while True:
             slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
@@ -218,7 +218,7 @@ def _end_in_words(status: int | None, cpu_s: float) -> str:
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
-        return f"its process took more than {cpu_s:g} s of processor time"
+        return f"its process took more than {cpu_s:g} s of CPU time"
     if -status == signal.SIGKILL:
         return "its process was killed, perhaps because memory ran out"
     return f"its process crashed ({signal.Signals(-status).name})"
@@ -245,7 +245,7 @@ def answer_requests(
     Args:
         answers: Yields the answers to a request and its data.
         memory_bytes: Largest address space of this process [byte].
-        cpu_s: Largest processor time of each answer [s].
+        cpu_s: Largest CPU time of each answer [s].
         unexpected: Returns the reason to send for an error that is not a BetterError.
     """
     written = os.fdopen(os.dup(1), "wb")
@@ -282,9 +282,9 @@ def answer_requests(
 
 
 def _limit_time(cpu_s: float) -> None:
-    """Set the processor time limit for the next answer; SIGPROF ends this process when the time is used up.
+    """Set the CPU time limit for the next answer; SIGPROF ends this process when the time is used up.
 
-    RLIMIT_CPU limits the total processor time and cannot be advanced exactly. The kernel compares it with ticks, which
+    RLIMIT_CPU limits the total CPU time and cannot be advanced exactly. The kernel compares it with ticks, which
     exceed :func:`time.process_time` by up to 6 % for a rendering process: by a minute after 15 minutes.
     """
     signal.setitimer(signal.ITIMER_PROF, cpu_s)

@@ -115,7 +115,7 @@ class LineJournal:
         os.close(handle)
 
     def close(self) -> None:
-        """Close the file and release the lock; harmless if already closed."""
+        """Close the file and release the lock. Closing it again is harmless."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None

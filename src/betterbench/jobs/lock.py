@@ -20,7 +20,7 @@ LOCK_NAME = ".lock"
 """File in a folder that carries the lock of the folder."""
 
 _TRIES = 25
-_PAUSE_S = 0.02  # longer than a check of the lock by another process
+_PAUSE_S = 0.02  # longer than another process takes to check the lock
 
 
 def is_locked(path: Path) -> bool:
@@ -135,7 +135,7 @@ class RunLock:
 
     @property
     def for_workers(self) -> HeldFolder | None:
-        """The locked folder, for worker processes; None if no folder is held, or the lock would be renewed."""
+        """The locked folder, for worker processes, or None if no folder is held, or the lock would be renewed."""
         if self._handle is None or not self._is_folder or self._renews:
             return None
         held = os.fstat(self._handle)
@@ -198,7 +198,7 @@ class RunLock:
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
-        """Release the lock; harmless if it is not held."""
+        """Release the lock. Releasing it again is harmless."""
         if self._handle is not None:
             self._unguard()
         self._close()
@@ -245,7 +245,7 @@ class FileLock(RunLock):
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:
-        """Remove the lock file, and release the lock; harmless if it is not held."""
+        """Remove the lock file, and release the lock. This is harmless if it is not held."""
         if self._handle is not None:
             with contextlib.suppress(OSError):
                 self._path.unlink()

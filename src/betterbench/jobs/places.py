@@ -43,7 +43,7 @@ def guard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Undo a :func:`guard` with the same arguments; harmless without a guard."""
+    """Undo a :func:`guard` with the same arguments. This is harmless without a guard."""
     claims = _GUARDED.get(folder, [])
     if claim in claims:
         claims.remove(claim)
@@ -66,7 +66,7 @@ def claim_of(path: Path) -> FolderClaim | None:
 def require_inside(path: Path, folder: Path) -> None:
     """Raise InvalidInputError with the name of the link if a path below a folder leads out of the folder."""
     top = os.path.realpath(folder)
-    if Path(os.path.realpath(path)).is_relative_to(top):  # never fails, also on loops
+    if Path(os.path.realpath(path)).is_relative_to(top):  # does not fail, even for loops of links
         return
     link = folder
     for part in path.relative_to(folder).parts:

@@ -162,7 +162,7 @@ class AddressForm:
             if option is None:
                 raise UnknownNameError(f"option of {self.scheme}", name, (option.shown for option in self.options))
             if not value:
-                cure = f"Give {option.meaning} as {name}=VALUE, or leave it out"
+                cure = f"Give {option.meaning} as {name}=VALUE, or omit {name}"
                 raise InvalidInputError(where, f"{name} has no value", cure)
         if len(options) < len(pairs):
             raise InvalidInputError(where, "an option is given twice", "Give each option once")

@@ -125,7 +125,10 @@ class PolicyFactory:
         return info
 
     def policy(self, scene: TrialScene, trial: PlannedTrial) -> AnyPolicy:
-        """Return the policy of one episode, without a thread; InvalidInputError if it supports only our own world."""
+        """Return the policy of one episode, without a thread.
+
+        Raises InvalidInputError if the policy supports only betterbench's own world.
+        """
         if self.needs.state or self.needs.trial:
             return make_for(self.address, scene, trial)
         if self._made is None:
@@ -139,7 +142,10 @@ class PolicyFactory:
         return self._make() if made is None else made
 
     def _make(self) -> Policy:
-        """Return a new instance; HandshakeError if the server's policy differs from the first instance's policy."""
+        """Return a new instance.
+
+        Raises HandshakeError if the server's policy differs from the first instance's policy.
+        """
         made: Policy
         if self._apart:
             made = start_policy(self.address, world=self._world, load_s=self._load_s)
@@ -159,13 +165,13 @@ class PolicyFactory:
         return made
 
     def close(self) -> None:
-        """Close an instance that was made but not taken; harmless if already closed."""
+        """Close an instance that was made but not taken. Closing it again is harmless."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
 
     def _source(self) -> str:
-        """Return name and SHA-256 of the user's file with the policy, or an empty text."""
+        """Return the name and SHA-256 of the user's file with the policy, or an empty string if there is none."""
         if isinstance(self._made, PolicyProcess):
             return self._made.source
         return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""

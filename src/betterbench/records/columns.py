@@ -33,7 +33,7 @@ class Column(NamedTuple):
     tail: int = 1
 
     def size(self, widths: Widths) -> int:
-        """Return the numbers per row."""
+        """Return the number of values per row."""
         return self.tail if self.width is None else widths[self.width] * self.tail
 
     def shape(self, rows: int, widths: Widths) -> tuple[int, ...]:

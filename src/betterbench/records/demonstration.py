@@ -48,7 +48,7 @@ class Demonstrator:
             raise InvalidInputError("demonstrator.kind", f"{self.kind!r} is unknown", f"Use one of {known}")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "manner": dict(self.manner)}
 
 
@@ -113,7 +113,7 @@ class SubgoalSegment:
             raise InvalidInputError("segment", f"rows {self.start} to {self.stop} are empty", "Give start < stop")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form = asdict(self)
         form["skills"] = [asdict(skill) for skill in self.skills]
         return form

@@ -120,7 +120,7 @@ class RecordMetadata:
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; only demonstrations include the fields of demonstrations."""
+        """Return a JSON-serializable dict; only demonstrations include the fields of demonstrations."""
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)

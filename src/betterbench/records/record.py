@@ -128,7 +128,10 @@ class Record:
         )
 
     def state(self, row: int) -> WorldState:
-        """Return the state of one row; negative rows count from the end. Raises IndexError if out of range."""
+        """Return the state of one row.
+
+        Negative rows count from the end. Raises IndexError if the row is out of range.
+        """
         rows = len(self)
         if not -rows <= row < rows:
             msg = f"row {row} of a record with {rows} rows"

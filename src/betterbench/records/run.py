@@ -103,7 +103,7 @@ class RunFolder:
 
     @property
     def planned(self) -> tuple[TrialId, ...]:
-        """The plan's trials in order; empty if the plan does not list them."""
+        """The plan's trials in order, or an empty tuple if the plan does not list them."""
         return tuple(self._planned or ())
 
     @classmethod
@@ -177,7 +177,7 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Facts about the world in which the trials were run; RecordError if the plan names an unknown world."""
+        """Facts about the world in which the trials were run. Raises RecordError if the plan names an unknown world."""
         return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property
@@ -254,7 +254,7 @@ class RunFolder:
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
-        """Return the SHA-256 of a finished trial's record; None for journals of older versions."""
+        """Return the SHA-256 of a finished trial's record, or None for journals of older versions."""
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
@@ -381,7 +381,7 @@ class RunFolder:
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move an unusable file to ``RUN/set-aside`` and return the new path; None if the file does not exist.
+        """Move an unusable file to ``RUN/set-aside`` and return the new path, or None if the file does not exist.
 
         The file is not deleted, because it may be the user's only copy.
         """
@@ -513,7 +513,7 @@ def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:
 
 
 def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None:
-    """Return a plan's trials by their id; None for a plan without a list of trials."""
+    """Return a plan's trials by their id, or None for a plan without a list of trials."""
     listed = plan.get("trials")
     if not isinstance(listed, list):
         return None

@@ -58,7 +58,7 @@ def _declared(run: RunFolder) -> str:
 
 
 def _shown(name: object) -> str:
-    """Return an external name as one line of bounded length; empty for an invalid name."""
+    """Return an external name as one line of bounded length, or an empty string for an invalid name."""
     line = "".join(c if c.isprintable() else " " for c in name).strip() if isinstance(name, str) else ""
     return line if len(line) <= MOST_CHARACTERS else f"{line[: MOST_CHARACTERS - 1]}…"
 

@@ -41,7 +41,7 @@ class _Closure:
 
 
 def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
-    """Return an episode's segments, which cover all its rows; empty if the gripper never closed.
+    """Return an episode's segments, which cover all its rows, or an empty tuple if the gripper never closed.
 
     Args:
         record: The episode record.

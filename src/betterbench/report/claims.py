@@ -203,7 +203,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
 def _evaluation(
     diagnosis: RunDiagnosis, tasks: Sequence[str], *, variations: Sequence[str] = (), seed: int, trials: int, out: str
 ) -> str:
-    """Return the command that evaluates a run's policy; empty if its address is not a valid shell word."""
+    """Return the command that evaluates a run's policy, or an empty string if its address is not a valid shell word."""
     if "\0" in diagnosis.address:
         return ""
     named = ["--variations", *variations] if variations else []

@@ -130,7 +130,7 @@ class Headline:
         return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
 
     def to_json(self) -> dict[str, object]:
-        """Return the JSON form: the conclusion, and its basis or the trials that it needs."""
+        """Return a JSON-serializable dict: the conclusion, and its basis or the trials that it needs."""
         return {"conclusion": self.conclusion, **asdict(self.claim)}
 
 
@@ -241,7 +241,7 @@ def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
 
 
 def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
-    """Return the labels that a trial's variation can reveal; empty for an unknown variation."""
+    """Return the labels that a trial's variation can reveal, or an empty tuple for an unknown variation."""
     try:
         return exposed_labels(trial.task, trial.variation or "")
     except UnknownNameError:

@@ -80,7 +80,7 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
-    """Return a task's title; in other worlds, its instruction."""
+    """Return a task's title, or its instruction if it is from another world."""
     return task_title(task) if facts_of_task(task).measured else groups[0].first.twin_instruction
 
 

@@ -42,7 +42,7 @@ class Figure:
 
     @classmethod
     def of(cls, metric: Metric | None, *, difference: bool = False, noun: str = "trials") -> Figure:
-        """Return the figure of a metric; a missing metric gives a figure without a value."""
+        """Return the Figure of a metric; for a missing metric, its value is None."""
         if metric is None:
             return cls(difference=difference, noun=noun)
         low, high = (metric.low, metric.high) if metric.value is not None else (None, None)
@@ -50,7 +50,7 @@ class Figure:
 
     @classmethod
     def of_rate(cls, rate: Rate) -> Figure:
-        """Return the figure for a rate; without trials, it has neither a value nor an interval."""
+        """Return the Figure of a rate; without trials, its value and interval are None."""
         if rate.value is None:
             return cls(k=rate.k, n=rate.n)
         return cls(rate.value, rate.low, rate.high, rate.k, rate.n)
@@ -67,7 +67,7 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Smallest number of digits at which a difference matches its two printed sides; 0 for other numbers."""
+        """Smallest number of digits at which a difference matches its two printed sides, or 0 for other numbers."""
         if self.sides is None or self.value is None:
             return 0
         for digits in range(3):

@@ -33,7 +33,7 @@ class ReviewAgreement:
     apart: tuple[tuple[str, str, str], ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "accept_fix_reject": _form(self.all),
             "use_reject": _form(self.usable),

@@ -251,7 +251,7 @@ class ReviewDesk:
         self._say("The edit was dropped.")
 
     def keep(self) -> bool:
-        """Write the edit in progress as a change; False if this fails, with the reason in ``message``."""
+        """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
         edit, state, item = self.edit, self.state, self.at_hand
         if edit is None or state is None:
             return True
@@ -289,7 +289,7 @@ class ReviewDesk:
             self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
 
     def undo(self) -> None:
-        """Drop the edit in progress, or else undo the last active decision about the current object."""
+        """Drop the edit in progress; without one, undo the last decision on this object that still stands."""
         if self.edit is not None:
             self.drop_edit()
             return
@@ -344,7 +344,10 @@ class ReviewDesk:
     # -------------------------------------------------------------------------------------------------------- helpers
 
     def _begin(self, kind: type[Change]) -> ReviewState | None:
-        """Return the state to edit, after keeping an edit of another kind; None if there is none or keeping failed."""
+        """Return the state to edit, after keeping an edit of another kind.
+
+        Returns None if there is no state, or if keeping the edit failed.
+        """
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
             return None
         return self.state

@@ -483,7 +483,7 @@ class ReviewPage:
         if command is not None:
 
             async def typed(event: Any) -> None:  # noqa: ANN401
-                if event.client_id is not None:  # not a value set by this program
+                if event.client_id is not None:  # typed by a person; None means that this program set the value
                     self._put(command, event.target.value)
 
             element.on_update(typed)

@@ -42,7 +42,7 @@ class QueuedObject:
 
     @property
     def state(self) -> ReviewState | None:
-        """The object with its active changes; None if it is not imported."""
+        """The object with its active changes, or None if it is not imported."""
         return self.states[-1] if self.states else None
 
     def load(self, history: History) -> None:

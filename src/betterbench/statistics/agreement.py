@@ -1,4 +1,4 @@
-"""Agreement between two raters over the same items beyond chance."""
+"""Chance-corrected agreement between two raters of the same items."""
 
 from __future__ import annotations
 

@@ -107,7 +107,9 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
     """Return the differences between valid pairs of scores, shape (n,)."""
     if len(first) != len(second):
         problem = f"{len(first)} first and {len(second)} second scores cannot be paired"
-        raise InvalidInputError("first, second", problem, "Give one of each per pair, in the same order")
+        raise InvalidInputError(
+            "first, second", problem, "Give one first and one second score per pair, in the same order"
+        )
     sides = []
     for where, side in (("first", first), ("second", second)):
         values = np.asarray(side, dtype=np.float64)

@@ -51,7 +51,7 @@ class Difference:
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; the ends and the value are fractions."""
+        """Return a JSON-serializable dict; the ends and the value are fractions."""
         return asdict(self)
 
 

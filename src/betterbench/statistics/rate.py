@@ -44,7 +44,7 @@ class Rate:
 
     @property
     def value(self) -> float | None:
-        """The share of successes as a fraction; None without trials."""
+        """The share of successes as a fraction, or None without trials."""
         return self.k / self.n if self.n else None
 
     @property
@@ -63,5 +63,5 @@ class Rate:
         return self.interval.high
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, including the interval."""
+        """Return a JSON-serializable dict, including the interval."""
         return {**asdict(self), "value": self.value, "low": self.low, "high": self.high}

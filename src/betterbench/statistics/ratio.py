@@ -11,7 +11,9 @@ _FARTHEST = 1e6
 
 
 def ratio_of(first: Difference, second: Difference) -> Difference | None:
-    """Return ``first / second`` for two independent differences; None unless the interval of the second is above zero.
+    """Return ``first / second`` for two independent differences.
+
+    Returns None unless the interval of the second is above zero.
 
     The interval contains each ratio ``r`` for which the interval of ``first - r * second`` contains zero. The latter
     adds the distances to the ends of both intervals in quadrature, as Donner and Zou do (Statistical Methods in Medical

@@ -43,7 +43,7 @@ class EProcess:
 
     @property
     def value(self) -> float:
-        """The evidence after the last pair; 1 without pairs."""
+        """The evidence after the last pair, or 1 without pairs."""
         return _exp(self.logs[-1]) if self.logs else 1.0
 
     @property

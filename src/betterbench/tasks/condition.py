@@ -122,7 +122,7 @@ class Condition:
         return replace(self, **changes)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form = asdict(replace(self, layout={}, preplaced={}, opened={}))
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}

@@ -72,7 +72,10 @@ class Releases:
         return self.slot, self.relation, self.region, self.level
 
     def off_mm(self, height_mm: float) -> float:
-        """Return the distance from a height to the nearest trained height [mm]; negative below the trained height."""
+        """Return the distance from a height to the nearest trained height [mm].
+
+        The value is negative below the trained height.
+        """
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
@@ -124,7 +127,7 @@ class Demonstrated:
     final_poses: tuple[FinalPoses, ...]
 
     def releases_at(self, place: tuple[str | None, str | None, str, int]) -> Releases | None:
-        """Return the releases at a place, given as slot, relation, region and level; None if there are none."""
+        """Return the releases at a place, given as slot, relation, region and level, or None if there are none."""
         return next((r for r in self.releases if r.place == place), None)
 
     def final_poses_at(
@@ -152,7 +155,7 @@ class DemonstrationsFile:
     form: Literal["betterbench demonstrations"] = FORM
 
     def to_text(self) -> str:
-        """Return the JSON text, with one line per place and per pair of object and target."""
+        """Return the JSON string, with one line per place and per pair of object and target."""
         tasks = [f" {json.dumps(name)}: {_task_text(self.tasks[name])}" for name in sorted(self.tasks)]
         seal = seal_of(json.loads(json.dumps({"form": self.form, "version": 2, **_tasks_form(self.tasks)})))
         head = f'{{"form": {json.dumps(self.form)}, "version": 2, "{SEAL}": "{seal}",\n "tasks": {{\n'
@@ -227,7 +230,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
 
 
 def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
-    """Return the measurements from a task's demonstrations; None if there are none for the versions in use."""
+    """Return the measurements from a task's demonstrations, or None if there are none for the versions in use."""
     try:
         return demonstrated(task, engine=engine)
     except InvalidInputError:

@@ -175,7 +175,7 @@ _lock = threading.RLock()
 
 
 def loading_folder() -> Path | None:
-    """Return the folder of the user file that is being loaded; None outside of such a file or in a plugin."""
+    """Return the folder of the user file that is being loaded, or None outside of such a file or in a plugin."""
     return Path(_loading[-1].path).parent if _loading and _loading[-1].package is None else None
 
 
@@ -312,7 +312,9 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the code that registers a name: "sha256 ..." of a user's file, or package and version; None if built in.
+    """Return the code that registers a name: "sha256 ..." of a user's file, or package and version.
+
+    Returns None if the name is built in.
 
     ``kind`` has the same meaning as in :func:`registered`.
     """
@@ -379,7 +381,7 @@ def _companion_text(path: Path) -> str | None:
 
 
 def options_for(tasks: Iterable[str]) -> str:
-    """Return the options that load the files of tasks, with a leading space; empty if all are built in."""
+    """Return the options that load the files of tasks, with a leading space, or an empty string if all are built in."""
     return loading_options() if origins_of(tasks).get("task_files") else ""
 
 

@@ -127,7 +127,7 @@ class Score:
     blind: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "rate": self.rate.to_json()}
 
 
@@ -206,7 +206,7 @@ def ask_set(
 
 
 def is_answers(file: Path) -> bool:
-    """Return whether a file begins like an answer file; raises OSError unless the file is missing.
+    """Return whether a file begins like an answer file; raise OSError unless the file is missing.
 
     An incomplete first line of a killed process is recognized by its beginning.
     """

@@ -111,7 +111,10 @@ def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
-    """Return a group's questions in rounds with one question per answer; empty if there are too few answers."""
+    """Return a group's questions in rounds with one question per answer.
+
+    The result is empty if there are too few answers.
+    """
     lists = {answer: sorted(cs, key=lambda c: c.id(seed)) for answer, cs in by_answer.items()}
     ranked = sorted(lists, key=lambda answer: (-len(lists[answer]), answer))
     spatial = lists[ranked[0]][0].form in (Form.BOX, Form.POINT)

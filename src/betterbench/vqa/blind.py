@@ -65,7 +65,7 @@ class Baseline:
         return abs(self.excess_points) <= TARGET_POINTS
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with intervals."""
+        """Return a JSON-serializable dict with intervals."""
         rates = {"blind_rate": Rate(self.blind, self.n), "majority_rate": Rate(self.majority, self.n)}
         intervals = {name: [rate.low, rate.high] for name, rate in rates.items()}
         return {**asdict(self), **intervals, "excess_points": self.excess_points, "balanced": self.is_balanced}

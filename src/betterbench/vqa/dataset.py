@@ -187,7 +187,10 @@ class QuestionSet:
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Return whether the set's questions about a trial are about this record; True if the set stores no hashes."""
+        """Return whether the set's questions about a trial are about this record.
+
+        Returns True if the set stores no hashes.
+        """
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
@@ -198,7 +201,7 @@ class QuestionSet:
                 raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made from this run")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form without the questions."""
+        """Return a JSON-serializable dict without the questions."""
         counts: dict[str, dict[str, int]] = {"type": {}, "form": {}, "difficulty": {}, "family": {}, "task": {}}
         for q in self.questions:
             for name, value in (*((n, getattr(q, n)) for n in list(counts)[:4]), ("task", q.source.task)):
@@ -540,7 +543,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return the record hashes of a set; empty if it stores none."""
+    """Return the record hashes of a set, or an empty dict if it stores none."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

@@ -168,7 +168,7 @@ class Described:
         return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {"images": self.images, "kept": self.kept, "dropped": self.dropped}
 
 
@@ -268,7 +268,7 @@ def _about(
 
 
 def _read(file: Path) -> _Kept:
-    """Return the stored texts about one image; raises RecordError."""
+    """Return the stored texts about one image; raise RecordError."""
     cure = "Move it elsewhere and give the same command again, which asks about the image again"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))

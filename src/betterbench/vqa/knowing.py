@@ -65,7 +65,7 @@ class TrialKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
-    """All trials of one label; counts by standing."""
+    """Counts of the trials with one label, by standing."""
 
     label: str
     n: int
@@ -91,7 +91,7 @@ class LabelKnowledge:
         return Rate(known, self.n - self.counts[KnowledgeStanding.NOT_ASKED.value])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "knows": self.knows.to_json()}
 
 
@@ -140,7 +140,7 @@ class Knowledge:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "model": self.model,
             "policy": self.policy,

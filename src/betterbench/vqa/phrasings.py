@@ -248,7 +248,9 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
 
 
 def phrase(candidate: Candidate, *, seed: int, number: int | None = None) -> str:
-    """Return the text of a question: phrasing ``number`` of its family, or the one selected by its identifier.
+    """Return the question's text in phrasing ``number`` of its family.
+
+    If ``number`` is None, the phrasing is picked by a hash of the question's id.
 
     Raises:
         UnknownNameError: If the family does not exist.

@@ -114,7 +114,7 @@ class Candidate:
         return hashlib.sha256("\x1f".join(told).encode()).hexdigest()[:16]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 
@@ -186,7 +186,7 @@ class Question:
         return f"{letter(self.options.index(self.answer))}. {self.answer}" if self.options else self.answer
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 

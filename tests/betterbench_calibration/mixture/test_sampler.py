@@ -107,7 +107,7 @@ def test_what_cannot_be_drawn_from():
         MixtureSampler(parts, shard=2, shards=2)
     with pytest.raises(InvalidInputError, match="add up to"):
         MixtureSampler((MixturePart("a", "g", 3),))
-    with pytest.raises(RunConflictError, match="another mixture"):
+    with pytest.raises(RunConflictError, match="different mixture"):
         MixtureSampler(parts).load_state_dict(MixtureSampler(parts, seed=1).state_dict())
     with pytest.raises(InvalidInputError, match="not a number of draws"):
         MixtureSampler(parts).load_state_dict({"position": -1})

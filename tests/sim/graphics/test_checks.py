@@ -25,7 +25,7 @@ def clean(monkeypatch):
 @pytest.mark.parametrize(
     ("variables", "said"),
     [
-        ({"MUJOCO_GL": "foo"}, "MUJOCO_GL: 'foo' is not an OpenGL back end (known: egl, osmesa, glfw). Unset it, or"),
+        ({"MUJOCO_GL": "foo"}, "MUJOCO_GL: 'foo' is not a supported OpenGL back end (known: egl, osmesa, glfw)."),
         ({"MUJOCO_GL": "off"}, "MUJOCO_GL: 'off' disables rendering. Unset it, or set it to egl."),
         ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL: 'glfw' needs a window, but DISPLAY names no display."),
         ({"PYOPENGL_PLATFORM": "osmesa"}, "images are rendered with 'egl', the back end found here. Unset it"),

@@ -79,7 +79,7 @@ limited.draw_for_parent("fast", 64)
     [
         ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed (SIGSEGV)"),
         ("os.kill(os.getpid(), signal.SIGKILL)", "was killed, perhaps because memory ran out"),
-        ("signal.setitimer(signal.ITIMER_PROF, 0.2)\n    while True: pass", "took more than 60 s of processor time"),
+        ("signal.setitimer(signal.ITIMER_PROF, 0.2)\n    while True: pass", "took more than 60 s of CPU time"),
         ("os._exit(3)", "ended (exit status 3)"),
     ],
 )
@@ -124,7 +124,7 @@ def test_each_answer_has_its_own_time_on_whatever_clock_the_kernel_counts(lag, m
     monkeypatch.setattr(limited_process.subprocess, "Popen", working)
     with LimitedView(quality="fast", size=64) as view:
         first = view.process_id
-        for _ in range(4):  # 1.2 s of processor time in all
+        for _ in range(4):  # 1.2 s of CPU time in all
             view.open({"model.mjb": b"x"})
         assert view.process_id == first
 

@@ -44,7 +44,7 @@ def amplify_command(
         attempts: Maximum attempts at one start, each with a different leading source.
         select: How to choose the source for each subgoal: any, by its object's position, or by the start of its motion.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
     """

@@ -28,7 +28,7 @@ def check_assets(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Certify assets and print the results; exit with status 1 if one fails.
+    """Certify assets and print the results; exit with status 1 if an asset fails.
 
     Raises:
         InvalidInputError: If no asset is given, or the format of the picture is not supported.

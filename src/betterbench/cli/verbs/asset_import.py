@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """Options about the imported objects; None if not given."""
+    """Options about the imported objects; an option that was not given is None."""
 
     name: str | None
     kind: str | None

@@ -50,7 +50,7 @@ def build_command(
         demonstrations: Demonstrations of the expert to measure per task.
         power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
             none.
-        workers: Worker processes; one per processor if not given.
+        workers: Worker processes; one per CPU core if not given.
         overwrite: Replace files in the folder that better build did not write.
         json: Print one JSON document instead of a table.
     """

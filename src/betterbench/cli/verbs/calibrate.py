@@ -59,7 +59,7 @@ def calibrate_command(
         trials: Trials per variation for each faulty policy at each strength, default 1; trials for each policy of the
             independent family, default 4.
         seed: First seed.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         family: Set of policies: the faulty policies, or part of the independent family: development, which was used to
             develop the diagnosis, or held_out, second and so on, which were each used once.
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.

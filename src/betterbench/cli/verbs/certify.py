@@ -49,7 +49,7 @@ def certify_command(
         tasks: Tasks to certify; default: all tasks in the suite.
         trials: Trials per variation; the training conditions get at least as many.
         seed: First seed.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for

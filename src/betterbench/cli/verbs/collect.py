@@ -35,7 +35,7 @@ def collect_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
         attempts: Maximum attempts at one start, each in another motion style.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
     """

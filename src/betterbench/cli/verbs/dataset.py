@@ -63,7 +63,7 @@ def dataset_command(
             difference.
         expect: Set hash, as printed on another machine; any other hash is an error.
         sign: Private SSH key with which prediction.json is signed.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         pictures: Draw the starts of each task.
         overwrite: Replace files of the set that were changed by hand.
         json: Print the result as one JSON document.
@@ -109,7 +109,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
             nonlocal shown_stage
-            if stage != shown_stage:  # its pace does not predict this stage
+            if stage != shown_stage:  # the pace of the previous stage does not predict this one
                 shown_stage = stage
                 bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)

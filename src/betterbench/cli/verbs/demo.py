@@ -27,7 +27,7 @@ def demo_command(
     Args:
         out: Folder of the runs and the report.
         trials: Trials per variation.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         films: Maximum number of films in the report; other failures get one image. 0 renders nothing.
         overwrite: Write to a folder OUT/report that better did not make, and replace files with the same names there.
     """

@@ -81,7 +81,7 @@ def _require_proof(found: PreflightCheck) -> None:
 
 
 def _check_machine(*, json: bool) -> None:
-    """Print what works on this machine; raise BetterError if a check fails."""
+    """Print which features work on this machine; raise BetterError if a check fails."""
     from betterbench.cli.checks import run_checks
 
     checks = run_checks()

@@ -158,7 +158,7 @@ def evaluate_command(
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
-        workers: Number of worker processes; default: one per processor.
+        workers: Number of worker processes; default: one per CPU core.
         envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
@@ -226,7 +226,10 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command that runs a small part of a plan, preceded by the number of trials; empty for a small plan."""
+    """Return a command that runs a small part of a plan, preceded by the number of trials.
+
+    The result is empty for a small plan.
+    """
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -252,7 +255,7 @@ def _plan(
 
     if allow_other_versions and from_run is None:
         raise InvalidInputError(
-            "--allow-other-versions", "it only applies to a repeated run", "Give --from too, or leave it out"
+            "--allow-other-versions", "it only applies to a repeated run", "Give --from too, or drop this option"
         )
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)
@@ -435,7 +438,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
     The bar is named after the policy, or has the ``label``.
 
-    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per processor by default.
+    The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per CPU core by default.
     """
     from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate
@@ -519,7 +522,7 @@ def _print_expert(run: RunFolder) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return a run's verdicts with ``until_decided`` from its records; None for a run of all trials."""
+    """Return a run's verdicts with ``until_decided`` from its records, or None for a run of all trials."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

@@ -68,7 +68,7 @@ def export_command(
         validation: Share of the seeds whose episodes are for validation; they come last.
         language: Also write the language columns, which LeRobot versions before 0.6 reject.
         vqa: Set of better vqa about the same run; this set's questions are written to the language columns.
-        workers: Number of episodes rendered in parallel; default: one per processor.
+        workers: Number of episodes rendered in parallel; default: one per CPU core.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
     """
@@ -104,7 +104,7 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     """Raise InvalidInputError if an option of data sets was given."""
     for option, value in given.items():
         if value:
-            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or drop {option}"
             raise InvalidInputError(option, f"belongs to data sets, but {to} is not a data set", cure)
 
 
@@ -167,7 +167,7 @@ def _export_dataset(
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:
-        say("with test variations: these variations cannot test a policy that is trained on these episodes")
+        say("this export includes test variations: do not use them to evaluate a policy that is trained on it")
     document = asdict(done) | {"path": str(done.path), "seconds": round(seconds, 3)}
     sentence = (
         f"{done.episodes} episodes, {done.frames} frames\n{took(seconds, done.bytes)}\n"
@@ -233,7 +233,7 @@ def _export_outcomes(
             write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
-    if out is not None:  # fail before the records are read
+    if out is not None:  # check first, because reading the records takes long
         require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
     with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)

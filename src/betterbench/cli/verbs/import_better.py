@@ -53,7 +53,7 @@ def import_better_command(
         certify: Measure demonstrations of the imported tasks and certify them; takes minutes.
         trials: Trials per variation for --certify.
         demonstrations: Demonstrations per task to measure for --certify.
-        workers: Worker processes for --certify; one per processor if not given.
+        workers: Worker processes for --certify; one per CPU core if not given.
         overwrite: Write to a folder that better import-better did not make, and replace files of the same names there.
         json: Print the audit as one JSON document.
     """
@@ -148,7 +148,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
         if one.built.task is not None:
             if one.built.task.id in forms:
                 problem = f"two tasks are called {one.built.task.id} in our form"
-                raise InvalidInputError(str(one.release.folder), problem, "Import them one by one")
+                raise InvalidInputError(str(one.release.folder), problem, "Import the releases one by one")
             forms[one.built.task.id] = task_to_json(one.built.task)
     if not forms:
         return None

@@ -69,7 +69,7 @@ def replay_command(
 
 
 def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
-    """Return the run of a record and the record metadata; RecordError if the record is outside a run."""
+    """Return the run of a record and the record metadata; raise RecordError if the record is outside a run."""
     from betterbench.records import RunFolder, read_record
 
     meta = read_record(record).metadata

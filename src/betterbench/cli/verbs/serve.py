@@ -123,7 +123,10 @@ def _require_expert(policy: str) -> None:
 
 
 def _batch_policy(policy: str) -> BatchPolicy:
-    """Make a policy that answers several observations in one call; InvalidInputError if it does not support batches."""
+    """Make a policy that answers several observations in one call.
+
+    Raises InvalidInputError if the policy does not support batches.
+    """
     from betterbench.interface import BatchPolicy
     from betterbench.policies.factory import close_policy
     from betterbench.policies.kinds import make_policy, needs_of

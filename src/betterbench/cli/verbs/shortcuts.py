@@ -147,7 +147,7 @@ def _run_in(data: Path) -> Path:
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return the variety of a run's demonstrations; None for a LeRobot dataset, whose objects are not known."""
+    """Return the variety of a run's demonstrations, or None for a LeRobot dataset, whose objects are not known."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 

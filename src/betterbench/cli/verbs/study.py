@@ -44,7 +44,7 @@ def study_command(
         out: Study folder.
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
         suite: Packaged suite, or folder with a suite in JSON, whose tasks replace those of the plan.
-        workers: Worker processes for demonstrations and trials; one per processor if not given.
+        workers: Worker processes for demonstrations and trials; one per CPU core if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         overwrite: Write to a folder that better study did not make, and replace files of the same names there.

@@ -98,7 +98,7 @@ def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, ca
 
 
 def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the cameras to show; UnknownNameError if a camera does not exist."""
+    """Return the cameras to show; raise UnknownNameError if a camera does not exist."""
     from betterbench.errors import UnknownNameError
 
     known = ("front", "front_official", "left_shoulder", "right_shoulder", "wrist")
@@ -111,7 +111,7 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 
 @contextmanager
 def _inputs(controls: Controls, devices: str, leader: str | None, port: str, identity: str) -> Iterator[None]:
-    """Read the devices of this machine inside the context; InvalidInputError if a named device cannot be read."""
+    """Read the devices of this machine inside the context; raise InvalidInputError if a named device cannot be read."""
     from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
     from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader
 

@@ -175,7 +175,7 @@ def _made(
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
-    """Let a model answer the set, or read its answers from a file, and return its scores; None without answers."""
+    """Return the scores of a model's answers, asked now or read from a file, or None if there are no answers."""
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
     from betterbench.vqa.llm import ChatEndpoint
 
@@ -213,7 +213,7 @@ def _ask_learner(
         raise InvalidInputError("--learner", "needs the run of this learner", "Give --run RUN and no other folder")
     if out is not None:
         raise InvalidInputError(
-            "--out", "the learner's answers are printed, and no set is written", "Leave it out, or give --json"
+            "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or give --json"
         )
     if find_kind(address) is not LEARNED:
         raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {LEARNED.shown}")

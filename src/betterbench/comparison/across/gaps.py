@@ -46,7 +46,7 @@ class WorldGap:
     p_value: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "difference": self.difference.to_json()}
 
 
@@ -125,7 +125,7 @@ def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    del alpha  # chains are compared at 95 %
+    del alpha  # unused, because chains are always compared at 95 %
     shared = {c.number for c in base.chains} & {c.number for c in run.chains}
     if not shared:
         return []

@@ -97,7 +97,7 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
 
 def _suite_of(run: RunFolder) -> str:
-    """Return the suite of a run; RecordError if its plan names no known suite."""
+    """Return the suite of a run; raise RecordError if its plan names no known suite."""
     facts = run.world
     if len(facts.suites) == 1:
         return next(iter(facts.suites))

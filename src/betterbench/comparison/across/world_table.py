@@ -50,7 +50,7 @@ class WorldRow:
     chains: ChainSummary | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "policy": self.policy,
             "suites": {name: rate.to_json() for name, rate in self.suites.items()},
@@ -77,7 +77,7 @@ class WorldContrast:
     p_value: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {**asdict(self), "difference": self.difference.to_json()}
 
 
@@ -97,7 +97,7 @@ class WorldTable:
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "rows": [row.to_json() for row in self.rows],
             "contrasts": [c.to_json() for c in self.contrasts],
@@ -196,7 +196,7 @@ def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
                 if not allow_mixed:
                     raise RunConflictError(
                         f"{problem} Run one of the two again with the same protocol and installation, or give "
-                        f"--allow-mixed and interpret the numbers with care."
+                        f"--allow-mixed and interpret the results with care."
                     )
                 notes.append(problem)
     return notes

@@ -91,7 +91,7 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def commands(gripper: np.ndarray) -> np.ndarray:
-    """Return gripper commands (n,) with zeros replaced by the last command, which they keep; initially -1, open."""
+    """Return gripper commands (n,) in which a zero repeats the command before it, and is -1 (open) at the start."""
     signs = np.sign(gripper)
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)

@@ -150,7 +150,7 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
     }
     require_match(dict(source), wanted | stated, _source_name(path))
     if path.is_dir():
-        stored_source(path)  # this checks the seal, which covers the other fields too
+        stored_source(path)  # reading the source checks the seal, which also covers the other fields
     _compare_digests(path, source)
 
 
@@ -207,7 +207,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
 
 
 def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
-    """Return the mean image error in levels; infinite if the image is missing or has another size."""
+    """Return the mean image error in levels, or infinity if the image is missing or has another size."""
     if there is None or there.shape != wanted.shape:
         return float("inf")
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

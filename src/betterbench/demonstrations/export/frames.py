@@ -73,7 +73,7 @@ def shown_images(
 
 
 def active_subgoals(record: Record) -> tuple[str, ...]:
-    """Return for each frame the subgoal of its segment in words ("pack burger"); at the end :data:`DONE`.
+    """Return the subgoal of each frame in words ("pack burger"), or :data:`DONE` after the last subgoal.
 
     The segments come from the record, or are derived from the record as for demonstrations.
 

@@ -140,7 +140,9 @@ def _checked(plan: ExportPlan) -> ExportPlan:
         require_h5py()
         plan = replace(plan, form="png")
     if (plan.language or plan.questions) and plan.to != "lerobot":
-        raise InvalidInputError("--language", f"{plan.to} has no such columns", "Export to lerobot, or leave it out")
+        raise InvalidInputError(
+            "--language", f"{plan.to} has no such columns", "Export to lerobot, or drop this option"
+        )
     if not 0.0 <= plan.validation < 1.0:
         raise InvalidInputError(
             "--validation", f"{plan.validation:g} is out of range", "Give a share from 0 to below 1"
@@ -249,7 +251,7 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
 
 
 def _digest(file: Path) -> str | None:
-    """Return the SHA-256 of a file; None if there is none."""
+    """Return the SHA-256 of a file, or None if there is none."""
     return file_digest(file) if file.is_file() else None
 
 
@@ -273,7 +275,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Return the stored origin of a data set; RunConflictError if it was changed, OSError if it is missing."""
+    """Return the stored origin of a data set; raise RunConflictError if it was changed, OSError if it is missing."""
     file = folder / SOURCE_FILE
     cure = "Move the data set away and export it again"
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
@@ -356,7 +358,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
-        raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
+        raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export the runs one by one")
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
     ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])

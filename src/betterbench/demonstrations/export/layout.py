@@ -104,7 +104,7 @@ class DatasetLayout:
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form: the adapter, and each column's content."""
+        """Return a JSON-serializable dict: the adapter, and each column's content."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
@@ -148,7 +148,9 @@ def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
         if spec.cameras and set(wanted) <= {camera.name for camera in spec.cameras}:
             return spec
     problem = f"{name or 'no observation preset'} does not render all of the cameras {', '.join(wanted) or 'at all'}"
-    raise InvalidInputError("--observation", f"{problem} of the preset {adapter.name}", "Leave it out, or give another")
+    raise InvalidInputError(
+        "--observation", f"{problem} of the preset {adapter.name}", "Leave out --observation, or give another"
+    )
 
 
 def _shown_size(rule: ImageRule, camera: CameraSpec) -> tuple[int, int]:

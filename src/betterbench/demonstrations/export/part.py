@@ -157,7 +157,7 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Reject file names that contain a path, and an incomplete episode description; raises InvalidInputError."""
+        """Raise InvalidInputError for a file name that contains a path, or an incomplete episode description."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
             raise InvalidInputError("files", "are not the names of a part's files", "Make the part again")
         read_form(_ABOUT, self.about, where="about", cure="Make the part again")
@@ -235,7 +235,7 @@ def png(picture: np.ndarray) -> bytes:
 
 
 def read_png(data: bytes) -> np.ndarray:
-    """Return the image of a PNG file from any source; raises ValueError if it is damaged or not a PNG file."""
+    """Return the image of a PNG file from any source; raise ValueError if it is damaged or not a PNG file."""
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.asarray(image)

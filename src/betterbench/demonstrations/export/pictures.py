@@ -31,7 +31,7 @@ class Pictures:
         self.close()
 
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
-        """Yield the images for some rows by camera, (height, width, 3) uint8; if None, for every row with an action.
+        """Yield the images by camera, (height, width, 3) uint8, for the given rows or for every row with an action.
 
         Consume all images, or close the renderer.
 

@@ -149,7 +149,7 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return the reason why an object cannot come from betterbench; empty if it can."""
+    """Return the reason why an object cannot come from betterbench, or an empty string if it can."""
     h5py = _h5py()
     if _address(item) in seen:
         return "is a second name of another object"

@@ -101,7 +101,7 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
-    """Return the reason, from the journal, why a trial is not exported, or an empty text."""
+    """Return the reason from the journal why a trial is not exported, or an empty string."""
     if entry.status != "done":
         return "not finished"
     if tasks and entry.task not in tasks:

@@ -34,7 +34,7 @@ VIDEO_SETTINGS = {
 }
 """Settings of the video encoder; stored with the data set."""
 
-_BITEXACT = {"fflags": "+bitexact"}  # no version of a library in the file
+_BITEXACT = {"fflags": "+bitexact"}  # keeps library versions out of the file
 
 
 class VideoWriter:

@@ -31,7 +31,7 @@ class Tally:
 
     @property
     def rate(self) -> float | None:
-        """Share of accepted attempts; None without attempts."""
+        """Share of accepted attempts, or None without attempts."""
         return round(self.accepted / self.attempts, 4) if self.attempts else None
 
     def __str__(self) -> str:
@@ -107,7 +107,7 @@ class Acceptance:
         return round(sum(rates) / len(rates), 4) if rates else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form = asdict(self)
         form["mean_rate"] = self.mean_rate
         for task, own in zip(form["tasks"], self.tasks, strict=True):
@@ -137,7 +137,7 @@ def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acce
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return the differences between the sources of a run; None if they are missing or were replaced."""
+    """Return the differences between the sources of a run, or None if they are missing or were replaced."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()

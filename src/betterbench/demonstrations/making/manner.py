@@ -61,7 +61,7 @@ class DemonstrationManner:
     miss_rate: float = 0.0
 
     def to_json(self) -> dict[str, float]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {name: float(value) for name, value in asdict(self).items()}
 
 
@@ -145,7 +145,7 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to the start of the last stretch, next to the grasp, and along it; raises PlanningError as usual."""
+        """Move to the start of the last stretch, next to the grasp, and along it. Raise PlanningError if blocked."""
         m = self.manner
         turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
 

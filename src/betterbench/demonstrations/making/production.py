@@ -152,7 +152,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return the production method of a demonstration run; RecordError for other kinds of run."""
+    """Return the production method of a demonstration run; raise RecordError for other kinds of run."""
     where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
@@ -249,7 +249,7 @@ def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
-    """Return the outcomes of all starts in a run so far; RecordError if the journal is corrupt."""
+    """Return the outcomes of all starts in a run so far; raise RecordError if the journal is corrupt."""
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
     if lines:
@@ -538,7 +538,7 @@ def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttemp
 
 @functools.lru_cache(maxsize=4)
 def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Library:
-    """Return the sources of a task; RecordError if their hash has changed, for example by additions."""
+    """Return the sources of a task; raise RecordError if their hash has changed, for example by additions."""
     run = RunFolder.open(Path(sources))
     library = load_library(run, task)
     if set_hash(run, tasks) != sha256:  # checked last, to detect additions during the loading

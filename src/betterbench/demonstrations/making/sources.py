@@ -218,8 +218,8 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
     other = sorted({o.name for o in meta.scene.objects} ^ set(planned))
     if other:
         raise RecordError(
-            f"{meta.task}/{meta.condition}/{meta.seed}: its objects are not those of its condition "
-            f"({one_line(other[0], most=80)} is in only one of them). Collect the demonstration again."
+            f"{meta.task}/{meta.condition}/{meta.seed}: its objects differ from those of its condition "
+            f"(only one of the two has {one_line(other[0], most=80)}). Collect the demonstration again."
         )
 
 

@@ -218,7 +218,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return a demonstration's motions by subgoal and skill; if a motion was repeated, the last one."""
+    """Return a demonstration's motions by subgoal and skill. Of a repeated motion, the last one counts."""
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)

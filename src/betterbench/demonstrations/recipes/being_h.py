@@ -43,7 +43,7 @@ _TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are a
 
 
 def being_h_setup(training: Training) -> TrainerSetup:
-    """Return the setup of Being-H; raises InvalidInputError if the recipe does not fit it."""
+    """Return the setup of Being-H; raise InvalidInputError if the recipe does not fit it."""
     recipe = training.recipe
     if recipe.form.proprioception is False:
         raise InvalidInputError(
@@ -197,7 +197,7 @@ def _module(training: Training, group: str, *, ours: bool) -> str:
     sources = "\n".join(f"            {key!r}: {name!r}," for key, name in columns.items())
     places = {data.name: {"dataset_path": data.place} for data in training.data}
     if len(places) < len(training.data):
-        raise InvalidInputError("--data", "two data sets have the same last part of their folder", "Rename one")
+        raise InvalidInputError("--data", "two data sets are in folders of the same name", "Rename one folder")
     own = (
         f'''
     class BetterDataConfig(data_config.LiberoNoNormDataConfig):

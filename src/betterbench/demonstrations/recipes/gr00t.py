@@ -36,7 +36,7 @@ _JITTER = {"brightness": 0.3, "contrast": 0.4, "saturation": 0.5, "hue": 0.08}
 
 
 def gr00t_setup(training: Training) -> TrainerSetup:
-    """Return the setup of GR00T; raises InvalidInputError if the recipe does not fit it."""
+    """Return the setup of GR00T; raise InvalidInputError if the recipe does not fit it."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     if recipe.form.proprioception is False:

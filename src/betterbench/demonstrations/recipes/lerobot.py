@@ -91,9 +91,9 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     longest = (form.chunk or default) - (chunk == "horizon")
     if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
         problem = f"diffusion halves its horizon three times, but {form.chunk} is not a multiple of {_DOWNSAMPLED}"
-        raise InvalidInputError("chunk", problem, "Give 8, 16, 24 or more, or leave it out")
+        raise InvalidInputError("chunk", problem, "Give a multiple of 8, or omit chunk")
     if longest < 1:
-        raise InvalidInputError("chunk", f"{policy} needs two steps at least", "Give more, or leave it out")
+        raise InvalidInputError("chunk", f"{policy} needs at least two steps", "Give a larger chunk, or omit it")
     batch = recipe.setting("batch", "batch")
     rows = [
         Setting(
@@ -138,7 +138,7 @@ def _freezing(training: Training) -> tuple[Setting, ...]:
     frozen = set(parts)
     if frozen and policy not in ("smolvla", "pi05"):
         raise InvalidInputError(
-            "frozen: lerobot", f"{policy} has no switch for it", "Leave it out, or take pi05 or smolvla"
+            "frozen: lerobot", f"{policy} has no switch for frozen parts", "Leave out frozen, or use pi05 or smolvla"
         )
     if frozen == {"language"}:
         problem = f"the language model of {policy} alone cannot be frozen"

@@ -40,7 +40,7 @@ _FREEZE["vision", "language"] = f"nnx.Any({_FREEZE['vision',]}, {_FREEZE['langua
 
 
 def openpi_setup(training: Training) -> TrainerSetup:
-    """Return the setup of openpi; raises InvalidInputError if the recipe does not fit it."""
+    """Return the setup of openpi; raise InvalidInputError if the recipe does not fit it."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     name = f"{recipe.name}_pi05"

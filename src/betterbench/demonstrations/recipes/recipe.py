@@ -88,7 +88,7 @@ class Recipe:
         return self.form.save_every or self.saved_every(5000)
 
     def saved_every(self, usual: int) -> int:
-        """Return the usual number of steps between checkpoints if this saves the last step; otherwise all steps."""
+        """Return the usual number of steps between checkpoints, or all steps if this would not save the last step."""
         return usual if self.steps % usual == 0 else self.steps
 
     def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:
@@ -142,7 +142,7 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
     )
     if recipe.steps % recipe.save_every:
         problem = f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last would not be kept"
-        raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or leave it out")
+        raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or omit save_every")
     return recipe
 
 

@@ -67,7 +67,7 @@ class Training:
     sample_tokens: int = 220
 
     def __post_init__(self) -> None:
-        """Reject invalid numbers and paths; raises InvalidInputError."""
+        """Raise InvalidInputError for invalid numbers and paths."""
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):

@@ -40,7 +40,7 @@ class ConditionCounts:
 
 
 class SetNumbers:
-    """Accumulator for a set's figures, one record after the other."""
+    """Accumulator for the statistics of a set, filled one record at a time."""
 
     def __init__(self, held_out: frozenset[int]) -> None:
         self._held_out = held_out
@@ -113,5 +113,5 @@ def _rounded(stats: Stats) -> Stats:
 
 
 def counts_form(counts: Sequence[ConditionCounts]) -> list[dict[str, Any]]:
-    """Return the JSON form of counts."""
+    """Return counts as a JSON-serializable list."""
     return [asdict(count) for count in counts]

@@ -123,7 +123,7 @@ def require_recipe(recipe: SetRecipe, out: Path) -> None:
 
 
 def read_recipe(out: Path) -> SetRecipe:
-    """Return the recipe in a dataset's folder; RecordError if there is none."""
+    """Return the recipe in a dataset's folder; raise RecordError if there is none."""
     path = out / "recipe.json"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     return read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)

@@ -32,7 +32,7 @@ def tested_text(questions: Iterable[AskedQuestion]) -> str:
 
 
 def untested_text(questions: Iterable[AskedQuestion]) -> str:
-    """Return the untested questions, grouped by reason, as one text; "" if there are none."""
+    """Return the untested questions, grouped by reason, as one text, or "" if there are none."""
     reasons: dict[str, list[str]] = {}
     for q in questions:
         if q.untested:

@@ -190,7 +190,7 @@ class ShortcutAudit:
     reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; the description of how the data were read comes first."""
+        """Return a JSON-serializable dict; the description of how the data were read comes first."""
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
@@ -305,7 +305,7 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return the answer to a question about named objects; None if one of the two variables is constant."""
+    """Return the answer to a question about named objects, or None if one of the two variables is constant."""
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
@@ -704,7 +704,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return the facts of correct behavior in each variation of a task; None if the task is unknown."""
+    """Return the facts of correct behavior in each variation of a task, or None if the task is unknown."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -742,7 +742,7 @@ def _names_its_place(finding: Finding, raw: _Raw) -> bool:
 
 
 def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
-    """Return the reason why the words of a finding imply their outcome; "" if none is known."""
+    """Return the reason why the words of a finding imply their outcome, or "" if none is known."""
     outcome = WORD_OUTCOMES.get(base_of(finding.question))
     if outcome is None or not raw.parts:
         return ""
@@ -760,7 +760,7 @@ def _certain(rules: Rules) -> bool:
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return the observation from a test that breaks a rule, in words; "" if the test keeps the rule."""
+    """Return the observation from a test that breaks a rule, in words, or "" if the test keeps the rule."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

@@ -84,7 +84,7 @@ class EpisodeFacts:
         return bool(self.standing)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 
@@ -92,7 +92,7 @@ _FACTS = TypeAdapter(EpisodeFacts)
 
 
 def read_facts(form: object, where: str) -> EpisodeFacts:
-    """Return the facts of a JSON form; RecordError if it is invalid."""
+    """Return the facts of a JSON form; raise RecordError if it is invalid."""
     return read_form(_FACTS, form, where=where, cure="Delete the file to derive it again", raises=RecordError)
 
 
@@ -134,7 +134,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the first direction of a tool, one of eight seen from above; "" if the tool does not move.
+    """Return the first direction of a tool, one of eight seen from above, or "" if the tool does not move.
 
     Args:
         positions: (T, 3) positions of the tool [m].

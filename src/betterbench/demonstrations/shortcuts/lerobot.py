@@ -229,7 +229,7 @@ class _Said:
         else:
             if self.tasks is None:
                 problem = f"{self.column} contains no texts"
-                raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
+                raise RecordError(f"{file}: {problem}. Name a column with strings or with task indices.")
             values = numbers_in(file, self.column, column, 1)
             finite = np.isfinite(values)
             counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)
@@ -289,7 +289,7 @@ class _Scanned:
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
-    """Return the episodes of all files with their instructions; RecordError if an episode occurs twice."""
+    """Return the episodes of all files with their instructions; raise RecordError if an episode occurs twice."""
     frames = Frames.of(path)
     frames.require_some(path)
     found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()

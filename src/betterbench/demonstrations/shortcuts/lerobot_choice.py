@@ -131,7 +131,7 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers in a column, one per arm; InvalidInputError if an arm has two."""
+    """Return the grippers in a column, one per arm; raise InvalidInputError if an arm has two."""
     by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
@@ -244,7 +244,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm of a gripper's column; none if ambiguous."""
+    """Return the arm of a gripper's column, or no arm if it is ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)
@@ -254,7 +254,7 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
 
 
 def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
-    """Return x, y and, if present, z of an arm; InvalidInputError if an axis occurs twice."""
+    """Return x, y and, if present, z of an arm; raise InvalidInputError if an axis occurs twice."""
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
         for axis in "xyz"
@@ -271,7 +271,7 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
 
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
-    """Return all components of an unnamed state if there is one gripper; InvalidInputError otherwise."""
+    """Return all components of an unnamed state if there is one gripper. Raises InvalidInputError otherwise."""
     syntax = "with its own column and numbers, x first, counted from 0"
     cure = f"Give the gripper's position with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:

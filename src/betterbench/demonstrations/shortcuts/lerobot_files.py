@@ -56,7 +56,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Tell whether a file is a Git LFS pointer; False if it cannot be read or is not a regular file."""
+    """Tell whether a file is a Git LFS pointer; return False if it cannot be read or is not a regular file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -65,7 +65,7 @@ def is_pointer(path: Path) -> bool:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the JSON object in a file of ``meta``; InvalidInputError if it contains none."""
+    """Return the JSON object in a file of ``meta``; raise InvalidInputError if it contains none."""
     if is_pointer(path):
         raise InvalidInputError(str(path), "the file cannot be read", FETCH)
     try:
@@ -77,7 +77,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_info(path: Path) -> Mapping[str, Any]:
-    """Return ``meta/info.json``; InvalidInputError if its version is not supported."""
+    """Return ``meta/info.json``; raise InvalidInputError if its version is not supported."""
     file = path / "meta" / "info.json"
     info = read_json(file)
     if not isinstance(info.get("features"), dict):
@@ -121,13 +121,13 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
 
 
 def task_columns(path: Path) -> tuple[str, ...]:
-    """Return the text columns of the instruction file; RecordError if the file cannot be read."""
+    """Return the text columns of the instruction file; raise RecordError if the file cannot be read."""
     _, rows = _task_rows(path)
     return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
 
 
 def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
-    """Return the file of instructions and its columns; RecordError if it cannot be read."""
+    """Return the file of instructions and its columns; raise RecordError if it cannot be read."""
     lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
     where = table if table.exists() or (not lines.exists() and table.is_symlink()) else lines
     if is_pointer(where):
@@ -294,7 +294,7 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
 
 
 def column_names(file: Path) -> frozenset[str]:
-    """Return the column names of a frame file; RecordError if it cannot be read."""
+    """Return the column names of a frame file; raise RecordError if it cannot be read."""
     try:
         _require_file(file)
         with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
@@ -381,7 +381,7 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
-    """Return a column of texts as indices, and the texts; None if it contains no texts.
+    """Return a text column's indices and texts, or None if the column contains no texts.
 
     A list with one text per row is read as this text. Raises RecordError if a row lists several texts.
     """

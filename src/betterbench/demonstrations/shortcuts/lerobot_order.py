@@ -47,7 +47,7 @@ class FileOrder:
 
     @classmethod
     def of(cls, file: Path) -> FileOrder:
-        """Return the row order of a file; RecordError if its columns cannot be read."""
+        """Return the row order of a file; raise RecordError if its columns cannot be read."""
         names = column_names(file)
         keys = [key for key in _KEYS if key in names]
         columns = read_columns(file, dict.fromkeys(("episode_index", *keys), 1))
@@ -95,7 +95,7 @@ class EpisodePart:
 
     @classmethod
     def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> EpisodePart:
-        """Return a part of an episode; RecordError if a frame occurs twice."""
+        """Return a part of an episode; raise RecordError if a frame occurs twice."""
         frames = order.frames[start:stop]
         same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
         if same.size:
@@ -112,7 +112,7 @@ _CURE = "Fetch the files again, or remove the duplicate rows"
 
 
 def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
-    """Return the order of an episode's parts; RecordError if two parts overlap in time."""
+    """Return the order of an episode's parts; raise RecordError if two parts overlap in time."""
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]

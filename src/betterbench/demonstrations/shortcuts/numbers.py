@@ -103,7 +103,7 @@ def arm_in(name: str) -> str:
 
 
 def size_of(feature: object) -> int:
-    """Return the number of components in a column; 0 for images, texts, integers and arrays with more axes."""
+    """Return the number of components in a column, or 0 for images, texts, integers and arrays with more axes."""
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
         return 0
     shape = feature.get("shape")
@@ -234,7 +234,7 @@ def _kind(label: str) -> str:
 
 
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
-    """Return the column named by an option; UnknownNameError with the closest names if it does not exist."""
+    """Return the column named by an option. Raises UnknownNameError with the closest names if it does not exist."""
     columns = list(known)
     if name not in columns:
         raise UnknownNameError(f"column of {option}", name, columns)

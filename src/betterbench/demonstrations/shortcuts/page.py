@@ -82,7 +82,7 @@ def _cells(f: Finding) -> tuple[str, ...]:
 
 
 def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
-    """Return the warning that variations without a found rule may not be safe, or an empty text."""
+    """Return the warning that variations without a found rule may not be safe, or an empty string."""
     safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
     unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
     if not safe or not unseen:

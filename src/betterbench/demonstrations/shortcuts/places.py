@@ -91,7 +91,7 @@ def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
 
 
 def direction(points: _Floats, span: float) -> str:
-    """Return the first direction of a path, one of eight in the plane; "" if the path does not move.
+    """Return the first direction of a path, one of eight in the plane, or "" if the path does not move.
 
     Args:
         points: (T, 2) positions.

@@ -148,7 +148,7 @@ class Prediction:
         return (json_text(asdict(self), indent=1) + "\n").encode()
 
     def of(self, task: str, variation: str) -> Forecast:
-        """Return the forecast of one variation; KeyError if it does not exist."""
+        """Return the forecast of one variation; raise KeyError if it does not exist."""
         return {(f.task, f.variation): f for f in self.variations}[task, variation]
 
 

@@ -79,7 +79,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Tell whether two runs of characters overlap in a common part; never for words with spaces."""
+    """Tell whether a run of text without spaces in one list contains a run in the other list."""
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 

@@ -16,7 +16,7 @@ from betterbench.sim.scenes import Scene, StoredView
 logger = logging.getLogger(__name__)
 
 LONGEST_RATE_HZ = 10.0
-"""Maximum number of images of a camera per second, which leaves processor time for the physics."""
+"""Maximum number of images of a camera per second, which leaves CPU time for the physics."""
 SIZE_PX = 256
 LATE_S = 1.0
 """Delay of an image from which it is reported as late [s]."""
@@ -60,7 +60,7 @@ class CameraThread:
 
     @property
     def late_s(self) -> float:
-        """Delay of the images [s]; 0 if they are in time or none are rendered."""
+        """Delay of the images [s], or 0 if they are in time or none are rendered."""
         since = self._waits_since
         if since is None or not self._thread.is_alive():
             return 0.0
@@ -97,7 +97,7 @@ class CameraThread:
                         if image is not None:
                             self._show(camera, image)
                 self._waits_since = None
-                # the renderer pauses as long as it rendered, to leave processor time for the physics and the page
+                # the renderer pauses as long as it rendered, to leave CPU time for the physics and the page
                 took = time.monotonic() - began
                 time.sleep(max(took, 1.0 / LONGEST_RATE_HZ - took))
         except BetterError as problem:

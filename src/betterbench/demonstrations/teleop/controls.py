@@ -125,7 +125,7 @@ class Controls:
                 self.driver = page
 
     def tapped(self, page: int | None, tap: Tap) -> bool:
-        """Register a press on a page, None for a device; False if the page does not drive."""
+        """Register a press on a page (None for a device); return False if the page does not drive."""
         with self._lock:
             if page is not None and page != self.driver:
                 return False
@@ -133,7 +133,7 @@ class Controls:
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
-        """Register the gizmo's pose; False if the page does not control the robot."""
+        """Register the gizmo's pose; return False if the page does not control the robot."""
         with self._lock:
             if page != self.driver:
                 return False
@@ -191,7 +191,10 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm started following, and the tool target at that time; None before the start."""
+        """Return how often a leader arm started following, and the tool target at that time.
+
+        Returns None before the start.
+        """
         with self._lock:
             return self._grip, self._tool
 

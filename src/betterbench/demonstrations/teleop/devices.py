@@ -128,7 +128,7 @@ class DeviceThread:
                 self._controls.complain(f"{self._device.name}: {problem.strerror or system_error_text(problem)}")
 
     def _read(self) -> bytes:
-        """Return the available events; OSError if the device is gone."""
+        """Return the available events; raise OSError if the device is gone."""
         data = os.read(self._file, 64 * EVENT.size)
         if not data:
             raise OSError(None, "it is gone")

@@ -104,7 +104,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
     try:
         configs = importlib.import_module("lerobot.teleoperators.config")
         makers = importlib.import_module("lerobot.teleoperators.utils")
-        for module in (kind, "so_leader"):  # modules of lerobot 0.4 and 0.6
+        for module in (kind, "so_leader"):  # lerobot 0.4 has a module per kind, 0.6 has so_leader
             try:
                 importlib.import_module(f"lerobot.teleoperators.{module}")
                 break

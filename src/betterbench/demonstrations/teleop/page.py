@@ -134,7 +134,10 @@ class Page:
             self._bodies = {n: self._server.scene.add_glb(f"/bodies/{n}", data) for n, data in files.items()}
 
     def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
-        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo; None keeps the dragged pose."""
+        """Show the poses of the bodies, (n, 3) [m] and (n, 4), and of the gizmo.
+
+        With ``None``, the gizmo keeps the dragged pose.
+        """
         with self._server.atomic():
             for number, node in self._bodies.items():
                 pose = np.concatenate([positions[number], quaternions[number]]).round(5)

@@ -82,7 +82,7 @@ class TeleopSession:
     """One episode in one scene, driven by an operator."""
 
     def __init__(self, scene: Scene) -> None:
-        """Set the scene to the start of its trial; PremiseError if it contradicts the instruction's premise.
+        """Set the scene to the start of its trial; raise PremiseError if it contradicts the instruction's premise.
 
         The scene should be new: earlier episodes in it can change the last bits of its contact forces.
         """
@@ -184,7 +184,7 @@ class TeleopSession:
         self._come_back(self._moments[0])
 
     def record(self, name: str) -> Record:
-        """Return the episode record so far, demonstrated by ``name``; InvalidInputError for an invalid name.
+        """Return the episode record so far, demonstrated by ``name``; raise InvalidInputError for an invalid name.
 
         Its segments are not set yet.
         """

@@ -316,7 +316,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return a note that the camera images are late; empty if they are not."""
+        """Return a note that the camera images are late, or an empty string if they are not."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

@@ -1,7 +1,7 @@
 """Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
 A grasp shows a policy's target. After the last grasp, only the empty gripper's path shows it. The gripper may
-stay over an object, return to an object repeatedly, or move to and fro between several objects.
+stay over an object, return to an object repeatedly, or move back and forth between several objects.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
-    """Return the rows in which an empty gripper moves to and fro until the end of the episode, or None.
+    """Return the rows in which an empty gripper moves back and forth until the end of the episode, or None.
 
     The path to the region of this motion is excluded, however long it is.
     """

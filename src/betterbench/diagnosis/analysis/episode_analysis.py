@@ -176,7 +176,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last gripper closing, even on nothing, and its effects end; 0 without a closing."""
+        """Row at which the last gripper closing, even on nothing, and its effects end, or 0 without a closing."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -211,7 +211,7 @@ class EpisodeAnalysis:
 
     @property
     def off_limits(self) -> tuple[int, ...]:
-        """Indices of the objects that must not be touched if the policy should refuse or stay still; else empty."""
+        """Indices of the objects that the policy must not touch; empty unless it should refuse or stay still."""
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
@@ -436,7 +436,7 @@ class EpisodeAnalysis:
         return repr(word) + (f" ({named})" if named else "" if kinds else " (absent)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return an object's location: a target region, a slot, or coordinates; empty for a drawer."""
+        """Return an object's location: a target region, a slot, or coordinates, or an empty string for a drawer."""
         trace = self.trace
         if trace.is_drawer(i):
             return ""
@@ -556,7 +556,7 @@ def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[Epi
     """Return a function that computes its result once per episode, because several failure modes call it.
 
     Four modes look for the halt. The saving was too small to measure over 37 recorded trials of three policies (0.35 s
-    of processor time, 2026-11-28).
+    of CPU time, 2026-11-28).
     """
 
     @functools.wraps(find)
@@ -745,7 +745,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that was missed when the gripper closed on nothing; in doubt, the instructed object."""
+    """Return the object that was missed when the gripper closed on nothing, or the instructed object if in doubt."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -765,7 +765,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row at which the steps that are due at a row were still done, shortly before; None if none."""
+    """Return the last row, shortly before a row, at which its due steps were still done, or None if there is none."""
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)

@@ -189,7 +189,7 @@ class Calibration:
         return tuple(scores)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "counts": [
                 {"truth": truth.value, "label": label.value, "n": n}
@@ -210,7 +210,7 @@ class Calibration:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> Calibration:
-        """Read the JSON document; errors call it ``where``.
+        """Read the JSON document; error messages name it ``where``.
 
         Raises:
             RecordError: If a field is missing or malformed.

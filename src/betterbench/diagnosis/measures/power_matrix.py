@@ -82,7 +82,7 @@ class PowerCell:
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; zeros are left out."""
+        """Return a JSON-serializable dict; zeros are left out."""
         form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
         optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
         return form | {name: value for name, value in optional.items() if value}
@@ -132,12 +132,13 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True)
 class PowerMatrix:
-    """The measured matrix.
+    """Measured success rates of every pretender on every variation.
 
     Attributes:
-        cells: Result per pretender and variation; the expert is included as the reference.
-        chances: Per variation, the success rate of guessing its instruction among those that make sense in its scene.
-        versions: Package, suite, engine and task versions, and per task a digest of its conditions.
+        cells: The result for each pretender and variation, with the expert as the reference.
+        chances: For each variation, the success rate of a policy that picks at random among the instructions that make
+            sense in its scene.
+        versions: The package, suite, engine and task versions, and a digest of each task's conditions.
     """
 
     cells: dict[str, dict[Key, PowerCell]]
@@ -280,7 +281,7 @@ class PowerMatrix:
         return tuple(stale)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "versions": self.versions,
             "chances": {"/".join(key): chance for key, chance in self.chances.items()},
@@ -303,7 +304,7 @@ class PowerMatrix:
 
     @classmethod
     def from_json(cls, raw: bytes, *, where: str = PACKAGED_MATRIX) -> PowerMatrix:
-        """Read the JSON document; errors call it ``where``.
+        """Read the JSON document; error messages name it ``where``.
 
         Raises:
             RecordError: If a field is missing or malformed.

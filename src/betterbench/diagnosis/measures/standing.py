@@ -108,7 +108,7 @@ class Standing:
         return (*_said(self), *((self.notice,) if self.notice else ()))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better diagnose --json`` prints as ``power``."""
+        """Return the JSON-serializable dict that ``better diagnose --json`` prints as ``power``."""
         return {
             "notice": self.notice,
             "covered": {"k": self.covered.k, "n": self.covered.n},
@@ -182,7 +182,7 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return the expected success rates of a pretender by scope; empty if it lacks a cell."""
+    """Return the expected success rates of a pretender by scope, or an empty dict if it lacks a cell."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return {}

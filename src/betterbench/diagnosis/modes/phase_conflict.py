@@ -1,4 +1,4 @@
-"""Phase conflict: the policy does not recognize the due step, and freezes at the start or moves to and fro."""
+"""Phase conflict: the policy does not recognize the due step, and freezes at the start or moves back and forth."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ def _exposed(x: Exposure) -> bool:
     Label.PHASE_CONFLICT,
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper moves to and fro until the end, displaces nothing, and does not approach an instructed object.",
-    conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves to and fro.",
+    "empty gripper moves back and forth until the end, displaces nothing, and does not approach an instructed object.",
+    conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves back and forth.",
     sharper=sharper_by_rule(
         {
             "freeze_in_mid_task_scene": "It freezes before its first grasp if the scene looks half finished: it "
             "does not recognize the due step.",
-            "to_and_fro": "It moves to and fro without a grasp: it does not recognize the due step.",
+            "to_and_fro": "It moves back and forth without a grasp: it does not recognize the due step.",
         }
     ),
-    finding="Freezes in a scene that looks half finished, or moves to and fro without an attempt",
+    finding="Freezes in a scene that looks half finished, or moves back and forth without an attempt",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return evidence that the arm freezes before any attempt, or moves to and fro after the last attempt."""
+    """Return evidence that the arm freezes before any attempt, or moves back and forth after the last attempt."""
     episode = trial.episode
     halt = find_halt(episode)
     if episode.condition.mid_task_look and not episode.steps and halt is not None:
@@ -81,7 +81,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
     """Return whether a path leads only over objects that may be grasped now, and over at least two of them.
 
-    Repeated visits to a single object count as moving to and fro if the scene looks half finished.
+    Repeated visits to a single object count as moving back and forth if the scene looks half finished.
     """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
     if not over or not over <= set(episode.wanted(rows[0])):
@@ -109,6 +109,6 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
-    """Return the object kinds under the gripper while it moves to and fro; empty for a single kind."""
+    """Return the object kinds under the gripper while it moves back and forth; empty for a single kind."""
     over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
     return [f"the {kind}" for kind in over] if len(over) > 1 else []

@@ -67,7 +67,10 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Gymnasium arguments of the single environment of LeRobot 0.4; InvalidInputError for several conditions."""
+        """Gymnasium arguments of the single environment of LeRobot 0.4.
+
+        Raises InvalidInputError for several conditions.
+        """
         named = select_conditions(self.task)
         if len(named) != 1:
             raise InvalidInputError(

@@ -21,7 +21,7 @@ _LEFT_OUT = "dev"  # results do not depend on the requirements of tests and lint
 
 
 def describe_machine() -> dict[str, object]:
-    """Return processor, memory and GPUs, where known."""
+    """Return CPU, memory and GPUs, where known."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),

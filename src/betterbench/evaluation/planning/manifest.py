@@ -72,7 +72,7 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
-        return None  # the run was made before runs described their policy
+        return None  # the run is older than the descriptions of policies in runs
     difference = first_difference(known, json.loads(dump_json(policy)), "policy")
     if difference is None:
         return None

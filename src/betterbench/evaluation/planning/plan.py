@@ -65,7 +65,7 @@ class Plan:
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with all versions and conventions that affect results."""
+        """Return a JSON-serializable dict, with all versions and conventions that affect results."""
         tasks = sorted({t.task for t in self.trials})
         return {
             "plan_version": PLAN_VERSION,

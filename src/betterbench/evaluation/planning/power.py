@@ -75,6 +75,9 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest detectable differences, for the most and the fewest pairs, in points; empty if none."""
+    """Return the smallest detectable differences, for the most and the fewest pairs, in points.
+
+    The result is empty if none.
+    """
     values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
     return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

@@ -95,7 +95,7 @@ def repeated_plan(
     if differences and not allow_other_versions:
         raise RunConflictError(
             f"{where}: results would differ from the original run, because {'; '.join(differences)}. "
-            "Install the versions in its context, or give --allow-other-versions and treat the results as a "
+            "Install the versions of the original run, or give --allow-other-versions and treat the results as a "
             "separate run."
         )
     return plan
@@ -106,8 +106,8 @@ def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(
-            f"{path}: the policy at {policy.get('address')} is not the one of this run: {difference}. Start the "
-            "first one again, or give --allow-changed-policy and read the results as those of another policy."
+            f"{path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. Start "
+            "the original policy again, or give --allow-changed-policy and treat the results as another policy's."
         )
 
 

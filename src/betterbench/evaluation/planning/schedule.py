@@ -38,7 +38,7 @@ class Schedule:
 
     @property
     def decisions(self) -> Decisions | None:
-        """Decisions after the last complete round; None for a plan that runs all trials."""
+        """Decisions after the last complete round, or None for a plan that runs all trials."""
         if self.plan.until_decided is None:
             return None
         while self._waiting and self._is_done(self._waiting[-1]):

@@ -108,7 +108,7 @@ class PreflightCheck:
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with the sizes of images."""
+        """Return a JSON-serializable dict, with the sizes of images."""
         return {
             "policy": self.policy,
             "trial": asdict(self.trial),
@@ -307,7 +307,7 @@ def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
 
 
 def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.ndarray], ...]:
-    """Return the numbers that the policy gets, part by part."""
+    """Return the state values that the policy gets, part by part."""
     if adapter is None:
         return (
             ("joint_positions", seen.joint_positions),

@@ -135,7 +135,7 @@ class ReplayProof:
         return "Give another preset, or correct action_space, units, frame, rotation or gripper."
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             **asdict(self),
             "follows": self.follows,

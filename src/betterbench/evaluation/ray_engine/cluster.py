@@ -32,7 +32,7 @@ class Cluster:
 
     @property
     def given(self) -> str | None:
-        """Address of the cluster, by default from the environment; None if there is none."""
+        """Address of the cluster, by default from the environment, or None if there is none."""
         return self.address or os.environ.get("RAY_ADDRESS") or None
 
     def __post_init__(self) -> None:

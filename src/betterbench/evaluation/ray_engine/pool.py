@@ -83,7 +83,7 @@ class _WorkerActor:
     trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
     placed: bool = False  # it has resources on the cluster
     ready: bool = False  # it has been prepared
-    alone: bool = False  # its only trial was with a worker that died
+    alone: bool = False  # its only trial was assigned to a worker that died
     replica: int | None = None  # number of its replica of the policy
     broken: list[Trial] = field(default_factory=list)  # trials that have broken down
     envs: int = 1  # number of simultaneous trials, reported by the worker
@@ -122,7 +122,7 @@ class RayPool:
             if not placed and time.monotonic() - self._asked_at > PLACING_S:
                 raise InvalidInputError(
                     "--engine ray",
-                    f"the cluster has no free processor for a worker (free: {self._session.free_text()})",
+                    f"the cluster has no free CPU core for a worker (free: {self._session.free_text()})",
                     "Wait until other work is done, or add machines",
                 )
 

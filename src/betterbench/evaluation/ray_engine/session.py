@@ -50,7 +50,7 @@ class RaySession:
     """Connection to a cluster, or a local cluster, for a run's duration. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
-        """Prepare; by default there are as many workers as processors in the cluster."""
+        """Prepare; by default there are as many workers as CPU cores in the cluster."""
         self.cluster, self.ray = cluster, import_ray()
         self._workers = workers
         self._owned = False
@@ -85,7 +85,7 @@ class RaySession:
 
     @property
     def workers(self) -> int:
-        """Number of workers: the requested number, or the cluster's number of processors."""
+        """Number of workers: the requested number, or the cluster's number of CPU cores."""
         return self._workers or max(1, int(self._total("CPU")))
 
     def replica_gpus(self) -> float:

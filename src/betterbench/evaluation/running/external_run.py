@@ -103,7 +103,7 @@ class ExternalRun:
         return any(e.status == "done" and e.key == trial for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
-        """Return the outcome of a finished trial; RecordError if its record is missing or unreadable."""
+        """Return the outcome of a finished trial; raise RecordError if its record is missing or unreadable."""
         return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:

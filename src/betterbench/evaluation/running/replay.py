@@ -77,7 +77,8 @@ def check_record(path: Path) -> ReplayCheck:
     scene = _scene(record, found, None if run is None else run.plan.get("quality"))
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
-            f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again."
+            f"{path}: the scene has changed since the recording ({', '.join(notes) or 'same versions'}). "
+            "Record it again."
         )
     try:
         again, truth, met = _simulate(scene, record, found)
@@ -107,7 +108,7 @@ def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run of a record, after comparing the record with plan and journal; None for a record outside a run.
+    """Return the run of a record, after comparing the record with plan and journal, or None for a record outside a run.
 
     Raises RecordError if they differ or the record is not at its path in the run.
     """

@@ -94,7 +94,7 @@ def evaluate(
         plan: The same plan resumes an unfinished run.
         out: Run folder.
         workers: Number of worker processes; with 1, the trials run in this process, except for a user's policy, which
-            always runs in a separate process. None for one worker per processor of this machine or cluster, or for a
+            always runs in a separate process. None for one worker per CPU core of this machine or cluster, or for a
             single worker if each would load a policy's weights again.
         envs: Each worker's environments; None for 1 if the policy answers immediately. Otherwise a warm-up
             chooses the number from the times of the policy and the simulation, within the free memory.
@@ -211,7 +211,7 @@ class _Asked:
     policies: PolicyFactory | None = None  # may hold the queried instance; None if a host holds it
     host: Host | None = None  # holds the policy for all workers
     shared: bool = False  # one instance serves several workers
-    one_worker: bool = False  # each worker would load the weights again
+    one_worker: bool = False  # otherwise, each worker would load the weights
 
 
 def _ask_policy(

@@ -64,7 +64,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the answer times for the trials of a session that took ``elapsed_s`` [s]; None if unknown."""
+    """Return the answer times for the trials of a session that took ``elapsed_s`` [s], or None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -132,7 +132,7 @@ class RunTimes:
         return max(parts, key=parts.__getitem__)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with times in seconds."""
+        """Return a JSON-serializable dict, with times in seconds."""
         return {
             "policy_s": round(self.policy_s, 3),
             "simulation_s": round(self.simulation_s, 3),
@@ -145,7 +145,7 @@ class RunTimes:
 
 
 def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
-    """Return the times of trials from the journal; None if there are none."""
+    """Return the times of trials from the journal, or None if there are none."""
     walls = [e.wall for e in entries if "simulation_s" in e.wall]
     if not walls:
         return None

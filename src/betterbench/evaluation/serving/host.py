@@ -110,7 +110,7 @@ class Host:
         self._start()
 
     def _start(self) -> None:
-        with interrupts_blocked():  # until the process is registered here
+        with interrupts_blocked():  # so that an interrupt cannot lose the process
             self._running = SpawnedProcess(
                 serve, self._policy, self._run, self._timeout_s, self._port, name="betterbench-policy"
             )

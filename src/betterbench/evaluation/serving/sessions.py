@@ -110,7 +110,7 @@ class ShadowSession:
         if min(gaps) > ASTRAY:
             raise PolicyError(
                 f"{shadow.trial} step {step}: the client's robot is not where the answered actions lead (its state "
-                f"differs by {min(gaps):.3g} m or rad). The client has executed other actions than those answered, or "
+                f"differs by {min(gaps):.3g} m or rad). The client executed actions that were not in the answers, or "
                 "sends a state that is not its own; a client without a state sends zeros"
             )
         return step

@@ -75,7 +75,9 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return the policy's actions from a control step on, (1 to ``count``, 7); fewer if the policy fails earlier.
+        """Return the policy's actions from a control step on, (1 to ``count``, 7).
+
+        There are fewer actions if the policy fails earlier.
 
         ``seen`` is the client's measurement at that step, for comparison.
 
@@ -135,7 +137,10 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Simulate until ``until`` actions are known. Action ``needed`` must be among them; None requires all."""
+        """Simulate until ``until`` actions are known. Action ``needed`` must be among them.
+
+        If ``needed`` is None, all actions are required.
+        """
         while len(self._actions) < until and self._end is None:
             try:
                 action = np.asarray(self._expert.act_on_state(self._state), dtype=np.float64).copy()
@@ -158,8 +163,8 @@ class ShadowSimulation:
         joint, tool = gap[:7].max(), float(np.linalg.norm(theirs[7:10] - self._measured[step][7:10]))
         raise PolicyError(
             f"{self.trial} step {step}: the client's robot is not where the answered actions lead (joints differ by up "
-            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {gap[14]:.3g} m). The client has "
-            "executed other actions than those answered, or runs another version, or on another kind of processor"
+            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {gap[14]:.3g} m). The client "
+            "executed actions that were not in the answers, or runs another version or on another kind of CPU"
         )
 
 

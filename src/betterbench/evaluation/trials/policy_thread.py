@@ -80,7 +80,10 @@ class PolicyThread:
 
     @property
     def ready_at(self) -> float:
-        """Time at which the policy is ready, from ``time.perf_counter`` [s]; infinite until the policy is loaded."""
+        """Time at which the policy is ready, from ``time.perf_counter`` [s].
+
+        The value is infinite until the policy is loaded.
+        """
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
@@ -152,6 +155,6 @@ def no_answer(limit_s: float) -> PolicyError:
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return the counts of a client's connection, by name; empty for a policy without one."""
+    """Return the counts of a client's connection, by name, or an empty mapping for a policy without one."""
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -105,7 +105,7 @@ class _SharedClient:
         return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Mark the start of an episode. The policy is reset with the first observation."""
+        """Mark the start of an episode. The policy itself is reset when the first observation is sent."""
         self._start = start
 
     def act(self, observation: Observation) -> np.ndarray:

@@ -202,7 +202,7 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Observer for observations; None for a privileged policy, which gets the state."""
+        """Observer for observations, or None for a privileged policy, which gets the state."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:

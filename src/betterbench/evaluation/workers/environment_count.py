@@ -26,9 +26,9 @@ _ANSWERS = 16  # minimum number of answers of a window
 _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
 _PRESENT = 0.75  # share of environments with an answer at the start of a window
-_ENOUGH = 1.25  # minimum relative increase of the number
+_ENOUGH = 1.25  # minimum factor by which the number of environments grows
 _GAIN = 1.2  # minimum gain of throughput with three times as many environments
-_IDLE = 0.15  # share of waiting in the worker's time below which more environments cannot help
+_IDLE = 0.15  # if the worker waits for less than this share of its time, more environments cannot help
 _UNHINDERED = 1.5  # latency, in multiples of the minimum, up to which the server answers all questions at once
 _STEP = 3  # maximum growth factor in one step if the server has a queue
 _LEFT_OVER = 1.5  # growth factor allowed to avoid left-over trials
@@ -90,7 +90,7 @@ class EnvironmentCount:
         self._room, self._left = room, left
         self._first_answer: float | None = None
         self._least_s = math.inf
-        self._answered: set[int] = set()  # environments that have had an answer with this number
+        self._answered: set[int] = set()  # environments answered since the number was set
         self._before: Window | None = None
         self._open_window()
 
@@ -163,7 +163,7 @@ class EnvironmentCount:
             return
         self.number = goal
         logger.info(
-            "an answer takes %.0f ms and a chunk %.1f ms of this worker: %d environments instead of %d",
+            "an answer takes %.0f ms and this worker spends %.1f ms on a chunk: %d environments instead of %d",
             1e3 * window.latency_s,
             1e3 * window.worker_s,
             goal,

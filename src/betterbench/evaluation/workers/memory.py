@@ -31,7 +31,7 @@ def free_bytes(*, proc: Path = PROC, groups: Path = CONTROL_GROUPS) -> int | Non
 
 
 def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
-    """Return the resident memory of a process and all its descendants [bytes]; 0 if unknown."""
+    """Return the resident memory of a process and all its descendants [bytes], or 0 if unknown."""
     waiting, total = [os.getpid() if pid is None else pid], 0
     page = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
     seen = set[int]()
@@ -90,7 +90,7 @@ def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
         else:
             continue
         group = Path(path.lstrip("/"))
-        if ".." in group.parts:  # outside this container's view
+        if ".." in group.parts:  # the group is not visible in this container
             group = Path()
         for folder in (group, *group.parents):
             left = _left(root / folder, names, files)

@@ -37,7 +37,7 @@ class WorkerProcess(SpawnedProcess):
 
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
-        self.trials: dict[TrialId, Trial] = {}  # given to it, and not ended
+        self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
         self.alone = False  # its only trial was in a process that died
         self.lost = False  # the process has closed its end of the pipe
         self.ready = False  # the process is ready

@@ -108,7 +108,7 @@ class _Slot:
     outcome: Reply | BaseException | None = None  # reply to the last question, until the trial takes it
     waits: bool = False  # the trial cannot continue before the outcome arrives
     figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
-    wire_s: float = 0.0  # processor time for the trial's messages
+    wire_s: float = 0.0  # CPU time for the trial's messages
     connecting: bool = False  # new environment, which takes trials after reaching its policy
 
 
@@ -137,7 +137,7 @@ class Worker:
         needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
-        # waiting can be ended if another process gives the answer
+        # a wait can be cut short if the answer comes from another process
         self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
@@ -419,4 +419,4 @@ class Worker:
                 slot.thread.cut()
                 slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
-                self._ask(slot, slot.question)  # it was queued behind the hanging batch
+                self._ask(slot, slot.question)  # ask again: the question was queued behind the batch that hung

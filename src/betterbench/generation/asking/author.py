@@ -153,7 +153,7 @@ def parsed_list(answer: str) -> list[Any]:
     if not text:
         raise InvalidInputError("answer", "is empty", cure)
     if text[0] not in "[{":
-        raise InvalidInputError("answer", f"is a text and not JSON: {one_line(text, most=120)!r}", cure)
+        raise InvalidInputError("answer", f"is not JSON: {one_line(text, most=120)!r}", cure)
     try:
         found = parse_json(text, unique=True)
     except ValueError as error:

@@ -156,8 +156,8 @@ class KeptChat:
     def _asked(self, messages: Sequence[Message], purpose: str) -> Exchange:
         if self._chat is None:
             raise ModelError(
-                f"The kept exchanges have no answer for {purpose}: they are of another command, another version of the "
-                "prompt, or of an interrupted run. Repeat the command that wrote them with its model."
+                f"The kept exchanges have no answer for {purpose}: they come from another command, another version of "
+                "the prompt or an interrupted run. Run the original command again with its model."
             )
         asked_at, began = self._now(), time.monotonic()
         answer = self._chat.complete(messages, max_tokens=MAX_TOKENS)

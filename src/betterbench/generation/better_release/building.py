@@ -450,7 +450,7 @@ def axis_of(operations: Sequence[Operation]) -> Axis:
 
 
 def _title(operations: Sequence[Operation]) -> str:
-    """Return operations in a few words; many moves are counted."""
+    """Return a short description of the operations; many moves are given as a count."""
     moves = [operation for operation in operations if operation.name in ("move", "swap")]
     others = [_said(operation) for operation in operations if operation not in moves]
     count = sum(1 if operation.name == "move" else 2 for operation in moves)

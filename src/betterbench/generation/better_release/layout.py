@@ -279,7 +279,10 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return how much two slots lack of the free distance along x and y [m]; negative where they have more."""
+    """Return how much two slots lack of the free distance along x and y [m].
+
+    The value is negative where they have more.
+    """
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
     return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])

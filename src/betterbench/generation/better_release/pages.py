@@ -58,7 +58,7 @@ def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
 
 
 def audit_form(tasks: Iterable[Imported], *, suite: str | None) -> dict[str, Any]:
-    """Return the JSON form of audits.
+    """Return audits as a JSON-serializable dict.
 
     Args:
         tasks: The imported tasks.
@@ -120,7 +120,7 @@ def counts_of(findings: Sequence[Finding]) -> tuple[int, int]:
 
 
 def audit_markdown(tasks: Iterable[Imported], *, suite: str | None) -> str:
-    """Return the readable form of audits; arguments as for :func:`audit_form`."""
+    """Return audits as Markdown; the arguments are the same as for :func:`audit_form`."""
     lines = ["# Audit of a BeTTER release", ""]
     if suite is not None:
         lines += [f"The tasks in our form are in {markdown_code(suite)}.", ""]

@@ -129,7 +129,7 @@ def build_task(
 
 
 def _lacking(task: Task) -> str:
-    """Return what a task lacks to be a test of several abilities; empty if it lacks nothing."""
+    """Return what a task lacks to be a test of several abilities, or an empty string if it lacks nothing."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

@@ -80,7 +80,7 @@ class Choice:
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return why an asset cannot play the role of a group; empty if it can."""
+    """Return why an asset cannot play the role of a group, or an empty string if it can."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs
@@ -372,7 +372,10 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the likeness of the most similar row, in [0, 3], and the row; 0 if neither color nor shape is shared."""
+    """Return the likeness of the most similar row, in [0, 3], and the row.
+
+    Returns 0 if neither color nor shape is shared.
+    """
     own = build(item.category, color=item.color)
     best = (0.0, entries[0])
     for entry in entries:

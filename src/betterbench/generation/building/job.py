@@ -143,7 +143,7 @@ def _result(built: Built, key: str) -> Result:
         ),
         task=None if made is None else task_to_json(made.task),
         demonstrated=None if proof is None else proof.demonstrated,
-        # Times differ from run to run, and the same command gives the same bytes.
+        # Leave out times, which differ from run to run: the same command must give the same bytes.
         trials=() if proof is None else tuple(dataclasses.replace(t, expert_s=0.0, total_s=0.0) for t in proof.trials),
     )
 

@@ -41,7 +41,7 @@ class Wanted:
 
 
 def grammar_of(template: str) -> Grammar:
-    """Return the grammar of a template; raises UnknownNameError if there is none."""
+    """Return the grammar of a template; raise UnknownNameError if there is none."""
     if template not in GRAMMARS:
         raise UnknownNameError("template", template, GRAMMARS)
     return GRAMMARS[template]
@@ -177,7 +177,7 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
-    """Return the themes that share the most words with a text; all if none shares one."""
+    """Return the themes that share the most words with a text, or all themes if none shares a word."""
     words = set(terms(about))
     shared = [len(words & theme_words(theme)) for theme in themes]
     return tuple(theme for theme, count in zip(themes, shared, strict=True) if count == max(shared))

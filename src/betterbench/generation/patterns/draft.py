@@ -188,7 +188,10 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Return the task of the first choice with enough room; InvalidInputError of the last choice if there is none."""
+    """Return the task of the first choice with enough room.
+
+    Raises the InvalidInputError of the last choice if there is none.
+    """
     errors = []
     for choice in choices:
         try:

@@ -128,7 +128,7 @@ def radius_below(asset: Asset, height_m: float) -> float:
         turned = [rotate(part.quaternion, corner) for corner in _corners(part)]
         points = [tuple(map(sum, zip(part.position, corner, strict=True))) for corner in turned]
         if min(z for _, _, z in points) < height_m:
-            # a cylinder is as wide as its radius, and not as its corners
+            # a cylinder extends by its radius, not to the corners of its bounding box
             round_m = part.size[0] if part.shape in ("cylinder", "capsule", "sphere") else 0.0
             axis = math.hypot(part.position[0] - x, part.position[1] - y)
             far = max(math.hypot(px - x, py - y) for px, py, _ in points)

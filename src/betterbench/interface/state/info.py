@@ -135,7 +135,7 @@ class SceneInfo:
         return find_named("slot", name, self.slots)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         objects = [{**_form(o), "regions": [_form(region) for region in o.regions]} for o in self.objects]
         for form in objects:
             if not form["source"]:  # of the procedural library

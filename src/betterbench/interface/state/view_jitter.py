@@ -38,7 +38,7 @@ class ViewJitter:
     key_light_turn_rad: Vector = (0.0, 0.0, 0.0)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         cameras = {
             name: {"shift_m": list(offset.shift_m), "turn_rad": list(offset.turn_rad)}
             for name, offset in self.cameras.items()

@@ -75,7 +75,7 @@ def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> 
 
 
 def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    """Return the figure for a difference over a number of pairs; without pairs it has no interval."""
+    """Wrap a difference over ``n`` pairs as a Figure; with no pairs, its value and interval are None."""
     low, high = (found.low, found.high) if found.value is not None else (None, None)
     return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
 
@@ -132,7 +132,7 @@ def _mean_success(learner: LearnerOutcome) -> float:
 
 
 def _mean_gap(learner: LearnerOutcome) -> float | None:
-    """Return the illusion gap of one learner without an interval; None without pairs."""
+    """Return the illusion gap of one learner without an interval, or None without pairs."""
     pairs = learner.pairs()
     return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
 

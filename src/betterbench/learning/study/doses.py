@@ -42,7 +42,7 @@ class DoseFinding:
 def doses_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> Iterator[DoseFinding]:
-    """Yield the results by dose, over all tasks and then per task; empty for a plan without mixtures."""
+    """Yield the results by dose, over all tasks and then per task, or nothing for a plan without mixtures."""
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):

@@ -318,7 +318,7 @@ def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: 
 
 
 def solves(figure: Figure | None) -> bool | None:
-    """Return whether learners solve more than half of the trials; None if there are too few trials to tell."""
+    """Return whether learners solve more than half of the trials, or None if there are too few trials to tell."""
     if figure is None or figure.low is None or figure.high is None:
         return None
     return True if figure.low > SOLVED else False if figure.high < SOLVED else None

@@ -1,6 +1,6 @@
 """Training of a study's learners: one in this process, or several in parallel, each in its own process.
 
-A learner of this size uses one processor, so two learners in parallel take as long as one.
+A learner of this size uses one CPU core, so two learners in parallel take as long as one.
 """
 
 from __future__ import annotations

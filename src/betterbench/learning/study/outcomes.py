@@ -84,7 +84,7 @@ def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
 
 
 def trials_form(trials: Iterable[TrialOutcome]) -> list[dict[str, Any]]:
-    """Return the JSON form of trials."""
+    """Return trials as a JSON-serializable list."""
     return [asdict(trial) for trial in trials]
 
 

@@ -236,7 +236,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
 
 
 def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield the expectations on balanced against diverse-confounded learners; empty for a study without them."""
+    """Yield the expectations on balanced against diverse-confounded learners, or nothing for a study without them."""
     pair = ("diverse-confounded", "balanced")
     for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
         least = f"{100 * LEAST_DECORRELATED:.0f} points"
@@ -247,7 +247,7 @@ def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
-    """Yield the expectations on mixtures; empty for a study without them."""
+    """Yield the expectations on mixtures, or nothing for a study without them."""
     overall = [d for d in found.doses if not d.task]
     if not overall:
         return
@@ -282,7 +282,7 @@ def _area_text(area: Figure, failed: int) -> str:
 
 
 def numbers_table(found: StudyFindings) -> Table:
-    """Return all numbers on the page as one long table of fractions; empty if there are none."""
+    """Return all numbers on the page as one long table of fractions. The result is empty if there are none."""
     rows: list[tuple[Scalar, ...]] = []
 
     def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:

@@ -214,7 +214,9 @@ class StudyPlan:
         plain = self.recipe_of(start, ("data",))
         if plain.co_training is not None or recipe.co_training is not None:
             problem = "its start learner answers questions about other demonstrations, or none"
-            raise InvalidInputError(f"lever {learner.lever}.co_training", problem, "Leave it out, or the start")
+            raise InvalidInputError(
+                f"lever {learner.lever}.co_training", problem, "Leave out co_training, or the start"
+            )
         theirs = plain.shape
         other = next((name for name, value in recipe.shape.items() if theirs[name] != value), None)
         if other is not None:
@@ -222,7 +224,7 @@ class StudyPlan:
                 f"lever {learner.lever}.{other}",
                 f"the learner of {start.arm} that it starts with has another value",
             )
-            raise InvalidInputError(where, problem, "Leave it out, or change it in the recipe of the study")
+            raise InvalidInputError(where, problem, "Leave out this field, or change it in the recipe of the study")
 
     def _require_words_known(self, where: str, lever: Lever) -> None:
         """Raise InvalidInputError for a start whose vocabulary lacks words of the lever's demonstrations."""
@@ -252,7 +254,7 @@ class StudyPlan:
         return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
-        """Return the first arm trained only on a role's regime; None if there is none."""
+        """Return the first arm trained only on a role's regime, or None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
     def recipe_of(
@@ -292,7 +294,7 @@ class StudyPlan:
         return read_training_recipe({**given, **fixed}, where=where)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, including all default values."""
+        """Return a JSON-serializable dict, including all default values."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return form
 
@@ -300,10 +302,10 @@ class StudyPlan:
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
     """Return the form of a co-training with questions created by the study."""
     if not isinstance(given, dict):
-        raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or leave it out")
+        raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or omit the field")
     if "sets" in given:
         raise InvalidInputError(
-            f"{where}.sets", "the study creates its own questions", "Leave it out, or the questions"
+            f"{where}.sets", "the study creates its own questions", "Leave out sets, or the questions"
         )
     return {**given, "sets": questions}
 

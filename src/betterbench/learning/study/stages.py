@@ -398,7 +398,7 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path, kind: str) -> _Done | None:
-    """Return the record in a stage's file; None for an earlier version, whose stage is checked again."""
+    """Return the record in a stage's file, or None for an earlier version, whose stage is checked again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
     if "version" not in form:

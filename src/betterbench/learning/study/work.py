@@ -83,7 +83,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
 
         policy.require()
         run = evaluate(plan, out, workers=workers, on_progress=on_progress)
-        policy.require()  # the workers have read the file meanwhile
+        policy.require()  # again, because the workers read the file during the run
         _require_evaluated(run, policy)
         found = diagnose_run(run, on_progress=lambda done, of: tell(done, of, "diagnosis"))
         stored.store_diagnosis(run, found)
@@ -101,8 +101,8 @@ def _require_set(place: Path, sha256: str) -> None:
     """Raise RecordError if a set's demonstrations have changed since it was made."""
     if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
         raise RecordError(
-            f"{place}: contains other demonstrations than those made by this study. Put the set back, or run a new "
-            "study into another folder; nothing was deleted."
+            f"{place}: contains demonstrations that this study did not make. Restore the original set, or run a new "
+            "study in another folder; nothing was deleted."
         )
 
 

@@ -116,7 +116,7 @@ def _draw(missing: Mapping[Path, WantedFrames], eyes: Eyes, workers: int) -> Ite
             inside = [file for file in missing if file.parent == folder]
             waiting = [file for file in inside if _EpisodeFrames.open(file) is None]
             yield from range(len(inside) - len(waiting))
-            # neighbors share a scene, which takes longer to open than an image to render
+            # consecutive frames share a scene: opening one takes longer than rendering an image
             waiting.sort(key=lambda file: (missing[file].record.metadata.scene_hash, file))
             yield from in_threads(waiting, draw, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality))
 
@@ -159,7 +159,7 @@ class _EpisodeFrames:
 
     @classmethod
     def open(cls, path: Path) -> _EpisodeFrames | None:
-        """Return the frames of a file; None if it is missing or damaged."""
+        """Return the frames of a file, or None if it is missing or damaged."""
         try:
             with open_ordinary(path) as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))

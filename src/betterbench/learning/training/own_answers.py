@@ -92,7 +92,7 @@ class OwnAnswers:
     trials: Rate
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         rates = {"cells": self.cells, "nearest": self.nearest, "trials": self.trials}
         return {"where": self.where, **{name: rate.to_json() for name, rate in rates.items()}}
 
@@ -187,7 +187,7 @@ def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
 
 
 def answers_form(answers: Sequence[OwnAnswer]) -> list[dict[str, Any]]:
-    """Return the JSON form of answers."""
+    """Return answers as a JSON-serializable list."""
     return [{**asdict(a), "right": a.right, "means_it": a.means_it} for a in answers]
 
 

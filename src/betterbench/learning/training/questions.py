@@ -88,7 +88,7 @@ def question_text(question: Question) -> str:
 
 
 def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]]) -> AskedQuestions | None:
-    """Read a recipe's questions about demonstrations, matched by trial and SHA-256; None without co-training.
+    """Read a recipe's questions about demonstrations, matched by trial and SHA-256, or None without co-training.
 
     Raises:
         RecordError: If a folder contains no complete set, or a damaged one.
@@ -210,7 +210,7 @@ class AnswerRate:
 
 
 def answer_rates(step: int, types: Sequence[str], right: Sequence[bool]) -> list[AnswerRate]:
-    """Return the rates of correct answers by sorted type, then over all; empty without questions."""
+    """Return the rates of correct answers by sorted type, then over all, or an empty list without questions."""
     if not types:
         return []
     asked: Mapping[str, int] = Counter(types)

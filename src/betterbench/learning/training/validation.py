@@ -59,7 +59,7 @@ class Rollout:
 def phase_errors(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
 ) -> list[PhaseError]:
-    """Return the errors on held-out demonstrations by phase, then over all as "all"; empty without any.
+    """Return the errors on held-out demonstrations by phase, then over all as "all", or an empty list without any.
 
     Only the executed part of each answer, its first ``execute`` actions, is compared.
     """
@@ -87,7 +87,9 @@ def phase_errors(
 def right_answers(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, step: int, *, most: int = MOST_FRAMES
 ) -> list[AnswerRate]:
-    """Return the numbers of correct answers to questions about held-out demonstrations; empty without co-training.
+    """Return the numbers of correct answers to questions about held-out demonstrations.
+
+    The result is empty without co-training.
 
     A learner cannot give an answer that does not occur in training, so such questions count as wrong.
     """

@@ -155,7 +155,7 @@ class Checkpoint:
         except (RuntimeError, AssertionError, ValueError) as error:
             problem = " ".join(str(error).split())[:160]
             raise InvalidInputError(
-                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or leave it out"
+                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or omit device"
             ) from error
         return device
 
@@ -284,7 +284,7 @@ def _fingerprint(path: str) -> str:
 
 
 def _told_type(path: str) -> str:
-    """Return the policy type in a folder's configuration; empty for an id on the hub."""
+    """Return the policy type in a folder's configuration, or an empty string for an id on the hub."""
     file = Path(path) / "config.json"
     form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""

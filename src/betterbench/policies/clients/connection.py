@@ -115,7 +115,7 @@ class PolicyConnection(Generic[Connection]):
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
-        """Reset the figures at the beginning of an episode."""
+        """Reset the counts and times at the beginning of an episode."""
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:

@@ -297,7 +297,7 @@ class Overlap:
 
     @classmethod
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
-        """Read the overlap from an address; None if the address sets none. By default, ``ahead`` steps are frozen.
+        """Read the overlap from an address, or None if the address sets none. By default, ``ahead`` steps are frozen.
 
         Raises InvalidInputError if the numbers contradict each other.
         """
@@ -349,7 +349,10 @@ class Gr00tOverlapClient(Gr00tClient):
         return self._read(arrays, [observation])[0]
 
     def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """Return the additional entries of an observation, and the options; empty if too few actions are left."""
+        """Return the additional entries of an observation, and the options.
+
+        The result is empty if too few actions are left.
+        """
         if self._last is None:
             return {}, None
         asked_at, arrays = self._last

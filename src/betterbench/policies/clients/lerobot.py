@@ -221,7 +221,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
     if found:
         raise HandshakeError(
             f"{where} and the adapter {adapter.name!r} declare different features. {'; '.join(found[:_MOST_SHOWN])}. "
-            "Correct the adapter, or leave it out."
+            "Correct the adapter, or remove it from the address."
         )
 
 

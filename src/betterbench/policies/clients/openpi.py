@@ -97,7 +97,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Wall-clock figures of the episode so far, by name with their unit."""
+        """Wall-clock measurements of the episode so far, by name with their unit."""
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
@@ -142,7 +142,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         return actions
 
     def _continuation(self, step: int) -> dict[str, Any]:
-        """Return the entries of a request for real-time chunking; empty if the old chunk is used up."""
+        """Return the entries of a request for real-time chunking, or an empty dict if the old chunk is used up."""
         if self._last is None or rows_left(*self._last, step=step) < self._delay:
             return {}
         horizon = self._address.execution(self.adapter.horizon).horizon

@@ -173,7 +173,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Wall-clock figures of the episode so far, by name with their unit."""
+        """Wall-clock measurements of the episode so far, by name with their unit."""
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:

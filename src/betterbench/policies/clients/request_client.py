@@ -96,7 +96,7 @@ class RequestClient:
                 raise TimeoutError(f"no answer within {timeout_s:.3g} s")
 
     def close(self) -> None:
-        """Close the socket; harmless if already closed.
+        """Close the socket. Closing it again is harmless.
 
         A socket belongs to one thread at a time. If another thread waits for an answer, that thread is stopped and
         closes the socket.

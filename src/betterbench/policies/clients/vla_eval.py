@@ -294,7 +294,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """Declared component: format, and other accepted formats."""
+    """Component as declared by one side: its format and any other formats that it accepts."""
 
     format: str | None
     accepts: tuple[str, ...]

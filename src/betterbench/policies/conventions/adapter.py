@@ -158,7 +158,7 @@ class Adapter:
                 raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give a name")
             if any(key[: len(other)] == other or other[: len(key)] == key for other in keys[:i]):
                 raise InvalidInputError(
-                    f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each its own"
+                    f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each entry its own key"
                 )
         for name in ("gripper_opening_m", "control_rate_hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
@@ -305,7 +305,7 @@ class Adapter:
         return replace(self, answer=self.answer.in_space(space))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with every default written out; a key of one name is a string, else a list."""
+        """Return a JSON-serializable dict with every default; a key of one name is a string, otherwise a list."""
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
 

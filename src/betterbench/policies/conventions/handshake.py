@@ -143,7 +143,7 @@ def read_server(who: str, form: object) -> Declaration:
 
 
 def read_execution(who: str, form: object) -> Execution | None:
-    """Read the chunk execution that a betterbench server declares; None if the server declares none.
+    """Read the chunk execution that a betterbench server declares, or None if the server declares none.
 
     Raises HandshakeError if the declaration is malformed.
     """

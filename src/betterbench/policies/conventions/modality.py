@@ -94,7 +94,7 @@ class Modalities:
             )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form stored with the run."""
+        """Return the JSON-serializable dict stored with the run."""
         return {
             **{kind: getattr(self, kind) for kind in (*SEEN, "language", "action")},
             "steps": {kind: list(steps) for kind, steps in self.steps.items()},

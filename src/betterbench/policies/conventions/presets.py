@@ -488,7 +488,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
 
 def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the offset in an address; InvalidInputError if the offset would have no effect."""
+    """Return the adapter with the offset in an address; raise InvalidInputError if the offset would have no effect."""
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
@@ -534,7 +534,10 @@ _WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
-    """Return the adapter with the constants in an address; InvalidInputError if a required constant is missing."""
+    """Return the adapter with the constants in an address.
+
+    Raises InvalidInputError if a required constant is missing.
+    """
     given = {k.removeprefix(CONSTANT.name): v for k, v in address.options.items() if k.startswith(CONSTANT.name)}
     if given:
         adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})

@@ -175,7 +175,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return the numbers for one complete part other than a position."""
+    """Return the values of one complete state part other than a position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":

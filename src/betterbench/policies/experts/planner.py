@@ -244,7 +244,7 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], list[float]] | None:
-        """Return a free path up, across and down to a pose, and the joints at its end [rad]; None if there is none.
+        """Return a free path up, across and down to a pose and its last joint angles [rad], or None without a path.
 
         Args:
             state: Current state.

@@ -125,7 +125,7 @@ class BrokenRule(ExpertRule):
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
-        """Return all decisions that would be right now; empty if nothing is left to do."""
+        """Return all decisions that would be right now, or an empty tuple if nothing is left to do."""
         options: list[Decision] = []
         for i in open_subgoals(state, self.condition):
             goal = self.goals[i]

@@ -127,7 +127,10 @@ class HabitPlace(BrokenRule):
         return right
 
     def _habits(self, state: WorldState, index: int) -> list[tuple[str, str, str]]:
-        """Return the trained targets for the object of a subgoal; empty if the subgoal itself has a trained target."""
+        """Return the trained targets for the object of a subgoal.
+
+        The result is empty if the subgoal itself has a trained target.
+        """
         kinds = {state.info.object(n).kind for n in self.condition.resolve(self.goals[index].reference)}
         found = []
         for kind in sorted(kinds):

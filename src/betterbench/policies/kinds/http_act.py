@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _OPTIONS = (
     Option("arrays", "the encoding of arrays in requests"),
-    Option("encoded", "whether the request is wrapped in a JSON text: true or false"),
+    Option("encoded", "whether the request is wrapped in a JSON string: true or false"),
 )
 
 

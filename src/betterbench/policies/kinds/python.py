@@ -44,7 +44,10 @@ def load_plugin(address: str) -> Policy:
 
 
 def source_of(address: str) -> str:
-    """Return the name and SHA-256 of the file from which this process loaded a plugin; empty if it loaded none."""
+    """Return the name and SHA-256 of the file from which this process loaded a plugin.
+
+    The result is empty if it loaded none.
+    """
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():

@@ -1,4 +1,4 @@
-"""Shared parts of the policy kinds that connect to servers or load checkpoints with a preset."""
+"""Code shared by the policy kinds that use a preset to connect to a server or load a checkpoint."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space of the answers in the address's world; None if the address does not say.
+    """Return the action space of the answers in the address's world, or None if the address does not say.
 
     ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.

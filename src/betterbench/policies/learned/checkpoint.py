@@ -55,7 +55,7 @@ class Trained:
     code: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, without ``code`` for a built-in family."""
+        """Return a JSON-serializable dict, without ``code`` for a built-in family."""
         form = {**asdict(self), "recipe": self.recipe.to_json(), "vocabulary": self.vocabulary.to_json()}
         if self.code is None:
             del form["code"]
@@ -139,7 +139,7 @@ def checkpoint_file(place: str) -> Path:
 
 
 def read_vocabulary(path: Path) -> Vocabulary:
-    """Return a checkpoint's vocabulary; InvalidInputError if the file is damaged."""
+    """Return a checkpoint's vocabulary; raise InvalidInputError if the file is damaged."""
     _, about = read_tensors(path)
     return _trained(about, str(path)).vocabulary
 

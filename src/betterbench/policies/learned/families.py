@@ -146,7 +146,7 @@ def _listed(given: object) -> str:
 
 
 def learner_family(name: str) -> Family:
-    """Return a family; UnknownNameError if neither betterbench nor a user's file defines it."""
+    """Return a family; raise UnknownNameError if neither betterbench nor a user's file defines it."""
     load_declared()
     if name not in _FAMILIES:
         raise UnknownNameError("family", name, _FAMILIES)

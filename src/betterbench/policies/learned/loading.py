@@ -90,7 +90,7 @@ def checkpoint_of(address: PolicyAddress) -> Path:
 
 @functools.lru_cache(maxsize=64)
 def _family(path: Path, changed_ns: int, size: int) -> str | None:
-    """Return the family in the header of a checkpoint, without torch; None if the header has none."""
+    """Return the family in the header of a checkpoint, without torch, or None if the header has none."""
     del changed_ns  # part of the key
     try:
         with open_ordinary(path) as file:

@@ -180,7 +180,7 @@ class LearnerNetwork(nn.Module):
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
-        """Return an encoding of instructions, (B, w) int64, that is cached during an episode; None for no encoding.
+        """Return an encoding of instructions, (B, w) int64, that is cached during an episode, or None for no encoding.
 
         The encoding is passed to each :meth:`answer` of the episode.
         """
@@ -208,7 +208,7 @@ class LearnerNetwork(nn.Module):
         self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the summary; InvalidInputError if a user's learner raises, or returns another shape or type."""
+        """Return the summary; raise InvalidInputError if a user's learner raises, or returns another shape or type."""
         with explaining("family", self.recipe.family):
             found = self.summary(shown, heard)
         wanted = (len(shown.words), self.recipe.size.width)
@@ -222,7 +222,10 @@ class LearnerNetwork(nn.Module):
         return found
 
     def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
-        """Return the result of :meth:`answer`; InvalidInputError if a user's learner raises, or its shape is wrong."""
+        """Return the result of :meth:`answer`.
+
+        Raises InvalidInputError if a user's learner raises an error, or its answer has the wrong shape.
+        """
         with explaining("family", self.recipe.family):
             found = self.answer(shown, noise, heard)
         wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)

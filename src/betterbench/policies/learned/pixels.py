@@ -53,7 +53,7 @@ class _Convolutions(nn.Module):
             asked: (U, width) encodings of the distinct instructions.
             which: (P,) index of each image's instruction.
         """
-        # not here: normalizing the largest map would take most of the time
+        # no normalization in the first layer: its map is the largest, and would take most of the time
         seen = functional.relu(self.layers[0](pictures))
         for film, layer in zip(self.film, self.layers[1:], strict=True):
             scale, shift = film(asked)[which][..., None, None].chunk(2, dim=1)

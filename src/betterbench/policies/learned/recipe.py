@@ -227,7 +227,7 @@ class TrainingRecipe:
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
             problem = f"the family {self.family} does not have it"
-            raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
+            raise InvalidInputError(foreign, problem, "Leave out this field, or change the family")
         parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
@@ -249,7 +249,7 @@ class TrainingRecipe:
         for name, value in self.options.items():
             if name not in family.options:
                 problem = str(UnknownNameError(f"option of the family {self.family}", name, family.options)).rstrip(".")
-                raise InvalidInputError("options", problem, "Leave it out, or change the family")
+                raise InvalidInputError("options", problem, "Leave out the options, or change the family")
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
                 problem = f"{value!r} is not of type {wanted.__name__}, the type of its default"
@@ -270,7 +270,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity as numbers."""
+        """The capacity itself, also if the recipe only names it."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
@@ -310,7 +310,7 @@ class TrainingRecipe:
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form with all default values; without co_training and options if unused."""
+        """Return a JSON-serializable dict with all defaults; unused ``co_training`` and ``options`` are left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
             del form["co_training"]  # left out so that a training started before this field existed can resume
@@ -335,7 +335,7 @@ def read_training_recipe(
     """Return the recipe of a JSON form.
 
     Args:
-        form: The fields, as a mapping, or as JSON text.
+        form: The fields, as a mapping or a JSON string.
         where: File name for errors.
         changes: Fields that override the form; None keeps a field.
 

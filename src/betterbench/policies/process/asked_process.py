@@ -104,7 +104,7 @@ def _declared(policy: Policy, source: str) -> Declared:
 
 
 def _answered(policy: Policy, asked: dict[str, np.ndarray]) -> FrameContent | None:
-    """Return the result of a method as plain arrays, or its exception; None after the last request."""
+    """Return the result of a method as plain arrays or its exception, or None after the last request."""
     if not asked:
         return None
     method, args, options = _loads(asked["question"].data)

@@ -137,7 +137,7 @@ class PolicyProcess:
         self._failed = not self.info.heavy
 
     def close(self) -> None:
-        """Close the policy and end its process; without closing the policy if a request is running.
+        """Close the policy and end its process; if a request is running, only end the process.
 
         A second caller neither waits for the first one nor interrupts the policy's own close.
         """
@@ -146,7 +146,7 @@ class PolicyProcess:
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # a running request then gets an end of file
+                running.kill()  # a running request then reads an end of file
             return
         try:
             if self._running is not None:
@@ -181,7 +181,7 @@ class PolicyProcess:
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
-        """Ensure that a process exists; at the beginning of an episode, a process without earlier failures."""
+        """Ensure that a process exists; an episode begins with a process in which no trial has failed."""
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
@@ -216,7 +216,7 @@ class PolicyProcess:
 
     def _require_unchanged(self, declared: Declared) -> None:
         if declared.source != self.source:
-            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore it.")
+            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore the file.")
 
 
 class BatchPolicyProcess(PolicyProcess):
@@ -271,7 +271,7 @@ class _Started(AskedProcess):
         try:
             super().__init__(
                 command,
-                output=self._output.theirs,  # output of a policy is not output of the run
+                output=self._output.theirs,  # keeps the policy's output apart from the run's
                 environment={**os.environ, MARK: self._mark},
                 keeps=(life,),
                 any_type=True,

@@ -80,7 +80,10 @@ def text_of(value: object) -> str:
 
 
 def content_of(answer: ProcessAnswer, given: Sequence[object] = ()) -> FrameContent:
-    """Return the frame content of an answer, with the policy's values as arrays; ValueError if it is too large."""
+    """Return the frame content of an answer, with the policy's values as arrays.
+
+    Raises ValueError if it is too large.
+    """
     arrays = [_array(one) for one in given]
     for array in arrays:
         if array.nbytes > MAX_ANSWER_BYTES:

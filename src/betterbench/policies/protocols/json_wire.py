@@ -47,7 +47,9 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
     try:
         text = json.dumps(value, default=mark, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
-        raise InvalidInputError("message", f"it cannot be sent ({error})", "Send texts, numbers and arrays") from error
+        raise InvalidInputError(
+            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+        ) from error
     return (json.dumps({"encoded": text}) if encoded else text).encode("utf-8")
 
 

@@ -141,7 +141,7 @@ def write_torch(value: object) -> bytes:
         torch.save(value, buffer)
     except (TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InvalidInputError(
-            "message", f"the value cannot be saved ({error})", "Send texts, numbers and arrays"
+            "message", f"the value cannot be saved ({error})", "Send strings, numbers and arrays"
         ) from error
     return buffer.getvalue()
 
@@ -205,7 +205,7 @@ class _Reader:
             return thing
         if isinstance(thing, Mapping):
             if not all(type(key) is str for key in thing):
-                raise ValueError("a map has keys that are not texts")
+                raise ValueError("a map has keys that are not strings")
             return {key: self.plain(value, depth + 1) for key, value in thing.items()}
         if isinstance(thing, (list, tuple)):
             return [self.plain(value, depth + 1) for value in thing]

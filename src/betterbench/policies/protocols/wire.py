@@ -311,7 +311,7 @@ def _npy(data: object) -> np.ndarray:
 
 
 def _modality(form: object) -> ModalityConfig:
-    if isinstance(form, str):  # N1.5 sends the JSON text, N1.6 the map
+    if isinstance(form, str):  # N1.5 sends a JSON string, N1.6 the map
         if len(form) > _MAX_JSON:
             raise ValueError("a modality config is too long")
         form = json.loads(form, object_pairs_hook=unique_keys)
@@ -319,9 +319,9 @@ def _modality(form: object) -> ModalityConfig:
         raise TypeError(f"a modality config is a {type(form).__name__}")
     steps, keys = form.get("delta_indices"), form.get("modality_keys")
     if not isinstance(steps, (list, tuple)) or not all(isinstance(s, int) and abs(s) < 10_000 for s in steps):
-        raise ValueError("a modality config has no whole numbers as delta_indices")
+        raise ValueError("a modality config has no list of integers as delta_indices")
     if not isinstance(keys, (list, tuple)) or not all(isinstance(k, str) for k in keys):
-        raise ValueError("a modality config has no texts as modality_keys")
+        raise ValueError("a modality config has no list of strings as modality_keys")
     return ModalityConfig(tuple(int(s) for s in steps), tuple(keys))
 
 
@@ -332,7 +332,9 @@ def _encode(value: object, mark: Callable[[object], object]) -> bytes:
     try:
         return bytes(msgpack.packb(value, default=mark, use_bin_type=True))
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidInputError("message", f"it cannot be sent ({error})", "Send texts, numbers and arrays") from error
+        raise InvalidInputError(
+            "message", f"it cannot be sent ({error})", "Send strings, numbers and arrays"
+        ) from error
 
 
 def _refuse(thing: object) -> object:
@@ -350,7 +352,8 @@ def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
 def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object]) -> object:
     try:
         _survey(data)
-        # Map keys must be text or bytes. No other keys are needed, and colliding numbers would be slow to hash.
+        # Map keys must be str or bytes: no other keys are needed, and integer keys chosen to have the same hash would
+        # make building the dict quadratic.
         return msgpack.unpackb(
             data,
             object_pairs_hook=lambda pairs: hook(unique_keys(pairs)),
@@ -378,8 +381,8 @@ def _no_extension(code: int, data: bytes) -> object:
     raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
-# msgpack tokens by their first byte: the number of following bytes, of bytes with a length, of bytes with a count, and
-# of values per count.
+# msgpack tokens by their first byte. _FIXED: the number of bytes that follow; _SIZED: the size of the length field;
+# _HOLDERS: the size of the count field, and the number of values per count.
 _FIXED = dict(
     zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
 )
@@ -475,7 +478,7 @@ def read_array(data: object, dtype_text: object, given_shape: object, *, texts: 
     if dtype.kind == "U":
         points = np.frombuffer(data, np.dtype(np.uint32).newbyteorder(dtype.byteorder))
         if ((points > 0x10FFFF) | ((points >= 0xD800) & (points < 0xE000))).any():
-            raise ValueError("a text in an array has invalid characters")
+            raise ValueError("a string in an array has invalid characters")
     flat = np.frombuffer(data, dtype)
     if not dtype.isnative:
         flat = flat.astype(dtype.newbyteorder("="))

@@ -96,7 +96,10 @@ class _Taken(socket.socket):
 
 
 def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
-    """Return a socket that listens for up to ``most`` TCP connections; InvalidInputError if it cannot be bound."""
+    """Return a socket that listens for up to ``most`` TCP connections.
+
+    Raises InvalidInputError if it cannot be bound.
+    """
     if not 0 <= port <= 65535:
         raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free port")
     try:

@@ -264,7 +264,7 @@ class PolicyServer:
             logger.info("%s left after %d answers", client, answered)
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
-        """Return the next frame of a client; None after disconnecting a client that was silent for too long."""
+        """Return the next frame of a client, or None after disconnecting a client that was silent for too long."""
         with self._lock:
             self._silent_since[connection] = time.monotonic()
         try:

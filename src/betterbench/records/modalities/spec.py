@@ -117,7 +117,7 @@ def _vector(text: str) -> Vector:
 
 
 def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
-    """Return modalities by name, in column order; all if none is named.
+    """Return modalities by name, in column order, or all modalities if none is named.
 
     Raises:
         InvalidInputError: If a name is unknown.

@@ -43,7 +43,7 @@ class Scale:
     high: float
 
     def share(self, value: float) -> float:
-        """Return the position of a value along the scale, from 0 to 1; values outside are clipped."""
+        """Return the position of a value along the scale, clipped to the range from 0 to 1."""
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
     @property

@@ -11,7 +11,7 @@ from betterbench.report.figures.film import Film
 
 @dataclass(frozen=True, slots=True)
 class Thumbnails:
-    """The scenes of a variation and its training twin at reset (JPEG); None if the run has no such scene."""
+    """The scenes of a variation and its training twin at reset (JPEG), or None if the run has no such scene."""
 
     test: bytes
     training: bytes | None = None
@@ -36,12 +36,15 @@ class Media:
     options: str = ""
 
     def replay_command(self, policy: str, record: str | None) -> str:
-        """Return the command that writes the film of a record ("records/fast_food/T1/0.parquet"), or an empty text."""
+        """Return the command that writes the film of a record ("records/fast_food/T1/0.parquet"), or ""."""
         start = self.replay_start(policy)
         return f"{start}{record} --twin{self.options}" if start and record is not None else ""
 
     def replay_start(self, policy: str) -> str:
-        """Return the beginning of commands that replay a policy's trials; empty if its folder is unknown."""
+        """Return the beginning of commands that replay a policy's trials.
+
+        The result is empty if its folder is unknown.
+        """
         folder = self.folders.get(policy)
         return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"
 

@@ -16,7 +16,7 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 
 
 class StringTable:
-    """Numbering of texts, so that a page contains each text once; None is −1."""
+    """Table of texts by index, so that a page contains each text only once; None has the index −1."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []

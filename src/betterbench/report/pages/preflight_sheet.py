@@ -238,7 +238,7 @@ def _draw_action(axes: Axes, content: _Content) -> None:
 
 
 def arrow_factor(start: np.ndarray, aim: np.ndarray) -> int:
-    """Return the factor by which the arrow between two pixels is enlarged; 0 if there is nothing to draw."""
+    """Return the factor by which the arrow between two pixels is enlarged, or 0 if there is nothing to draw."""
     length = float(np.hypot(*(aim - start)))
     if not math.isfinite(length) or length < 0.2:
         return 0

@@ -71,7 +71,7 @@ class AssetCertificate:
         return {check.name: check for check in self.checks}[name]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {"version": SCHEMA_VERSION, "passed": self.passed, **asdict(self)}
 
     @classmethod

@@ -12,7 +12,7 @@ MAX_JSON_BYTES = 32 << 20
 """Largest JSON description in a glTF file [byte]."""
 
 _HEAD = struct.Struct("<4sIII4s")
-_CURE = "Export the object again, or leave it out"
+_CURE = "Export the object again, or leave out this file"
 
 
 def description_of(file: BinaryIO, where: str, *, binary: bool) -> dict[str, Any]:

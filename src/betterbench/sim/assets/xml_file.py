@@ -12,7 +12,7 @@ MAX_XML_BYTES = 8 << 20
 MAX_ELEMENTS = 20_000
 MAX_DEPTH = 100
 
-_CURE = "Export the object again, or leave it out"
+_CURE = "Export the object again, or leave out this file"
 
 
 def parse_xml(text: bytes, where: str) -> ET.Element:

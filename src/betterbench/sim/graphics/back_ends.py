@@ -39,7 +39,7 @@ def gl_backend() -> str | None:
 
 
 def asked_back_end() -> str:
-    """Return the back end named by ``MUJOCO_GL``, as MuJoCo reads it; empty if none."""
+    """Return the back end named by ``MUJOCO_GL``, as MuJoCo reads it, or an empty string if none."""
     return os.environ.get("MUJOCO_GL", "").strip().lower()
 
 

@@ -33,7 +33,7 @@ def require_engine() -> None:
     if asked not in KNOWN:
         raise _wrong(
             "MUJOCO_GL",
-            f"{one_line(asked, most=40)!r} is not an OpenGL back end (known: {', '.join(BACK_ENDS)})",
+            f"{one_line(asked, most=40)!r} is not a supported OpenGL back end (known: {', '.join(BACK_ENDS)})",
             f"Unset it, or set it to {_working()}",
         )
     if asked not in PLATFORMS:

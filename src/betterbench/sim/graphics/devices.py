@@ -55,7 +55,7 @@ class EglDevice:
 
 @functools.cache
 def device_count() -> int:
-    """Return the number of devices that EGL lists; 0 without EGL, or if it cannot list them."""
+    """Return the number of devices that EGL lists, or 0 if EGL is missing or cannot list devices."""
     return len(probe.devices())
 
 
@@ -86,7 +86,7 @@ def egl_devices() -> tuple[EglDevice, ...]:
 
 
 def drawing_devices() -> tuple[int, ...]:
-    """Return the device numbers for processes started here; empty if EGL is not used.
+    """Return the device numbers for processes started here, or an empty tuple if EGL is not used.
 
     A device named in ``MUJOCO_EGL_DEVICE_ID`` is the only one.
 
@@ -103,7 +103,7 @@ def drawing_devices() -> tuple[int, ...]:
 
 
 def require_device() -> int | None:
-    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set; GraphicsError if it is invalid."""
+    """Return the device in ``MUJOCO_EGL_DEVICE_ID``, None if it is not set; raise GraphicsError if it is invalid."""
     chosen = os.environ.get(DEVICE_VARIABLE)
     if chosen is None:
         return None
@@ -127,7 +127,7 @@ def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple
 
 
 def next_device_variables() -> dict[str, str]:
-    """Return the variables that assign a device to the next process started here; empty without devices."""
+    """Return the variables that assign a device to the next process started here, or an empty dict without devices."""
     return device_variables(next(_started))
 
 

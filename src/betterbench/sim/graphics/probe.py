@@ -33,7 +33,7 @@ class _Egl:
         self._library.eglGetProcAddress.argtypes = (ctypes.c_char_p,)
 
     def __call__(self, name: str, result: Any, *arguments: Any) -> Any:  # noqa: ANN401 - types of ctypes
-        """Return a function; AttributeError if it does not exist."""
+        """Return a function; raise AttributeError if it does not exist."""
         place = self._library.eglGetProcAddress(name.encode())
         if not place:
             raise AttributeError(name)
@@ -41,7 +41,7 @@ class _Egl:
 
 
 def devices() -> list[int]:
-    """Return the handles of the EGL devices, in number order; empty without EGL."""
+    """Return the handles of the EGL devices, in number order, or an empty list without EGL."""
     try:
         query = _Egl()("eglQueryDevicesEXT", ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):

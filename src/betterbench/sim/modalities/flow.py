@@ -41,7 +41,7 @@ def optical_flow(sight: np.ndarray, following: np.ndarray | None, *, focal_px: f
 
 
 def _step(sight: np.ndarray, following: np.ndarray, body: int) -> np.ndarray | None:
-    """Return the (3, 4) motion of a body from one state's camera frame to the next; None without a body."""
+    """Return the (3, 4) motion of a body from one state's camera frame to the next, or None without a body."""
     here, there = matrices(np.stack([sight["camera"], following["camera"]]))
     step = np.linalg.inv(there)
     if body < 0:

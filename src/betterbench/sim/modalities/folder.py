@@ -91,11 +91,14 @@ class ModalityFolder:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
-        """Return the folder with a trial's files; raises InvalidInputError if a name could leave the folder."""
+        """Return the folder with a trial's files; raise InvalidInputError if a name could leave the folder."""
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Store the fingerprint of the current OpenGL; RunConflictError if another one rendered earlier images."""
+        """Store the fingerprint of the current OpenGL.
+
+        Raises RunConflictError if another one rendered earlier images.
+        """
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
             write_durably(self.path / SETTINGS_FILE, _text(self.wanted))
@@ -115,7 +118,7 @@ def require_free_place(path: Path) -> None:
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:
-    """Return the folder with a trial's files in a modality folder; InvalidInputError if a name could leave it."""
+    """Return the folder with a trial's files in a modality folder; raise InvalidInputError if a name could leave it."""
     record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
     return path / trial.task / trial.condition / record.stem
 
@@ -136,7 +139,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return a modality folder's settings; RecordError if it has none, or they are damaged."""
+    """Return a modality folder's settings; raise RecordError if it has none, or they are damaged."""
     cure = "Name a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

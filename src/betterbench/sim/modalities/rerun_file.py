@@ -174,7 +174,7 @@ def _log_row(rerun: Any, stream: Any, record: Record, views: tuple[ViewSpec, ...
 
 
 def _depth_png(depth: np.ndarray) -> bytes:
-    """Return (height, width) depths [m] as a 16-bit PNG [mm]; 0 without a hit or beyond the range."""
+    """Return (height, width) depths [m] as a 16-bit PNG [mm], or 0 without a hit or beyond the range."""
     millimeters = np.nan_to_num(depth * _DEPTH_PER_M, nan=0.0, posinf=0.0, neginf=0.0)
     whole = np.where(millimeters <= np.iinfo(np.uint16).max, np.rint(millimeters), 0.0).astype(np.uint16)
     packed = io.BytesIO()

@@ -202,7 +202,7 @@ class ArmIK:
         return lowest, highest
 
     def _reach_in_window(self, moved: Sequence[float], window: _Window) -> float | None:
-        """Return a joint's largest step [rad] to angles inside the range of :meth:`window`; None for others."""
+        """Return a joint's largest step [rad] to angles inside the range of :meth:`window`, or None for others."""
         q, centers, lead = window
         farthest = 0.0
         # Far from its position limits a joint is limited only by its speed and its lead.
@@ -263,7 +263,7 @@ class ArmIK:
     def follow(
         self, q: Sequence[float], target: Pose, *, position_tolerance_m: float, rotation_tolerance_rad: float
     ) -> list[float] | None:
-        """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None; as plain numbers.
+        """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, as floats, or None if none do.
 
         It is meant for many consecutive targets along a path: Newton steps from a close start, which take a tenth of
         the time of :meth:`reach` and end when both tolerances are met. If they leave the limits or do not converge,

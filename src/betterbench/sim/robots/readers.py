@@ -1,6 +1,6 @@
 """Readers and writers of the physics engine's arrays as plain floats, for use at every control step.
 
-Between two physics steps the processor's caches are cold, and an array operation takes several times as long as in an
+Between two physics steps the CPU's caches are cold, and an array operation takes several times as long as in an
 isolated benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting it.
 """
 
@@ -110,7 +110,7 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that selects indices from the values between the smallest and the largest; None for all."""
+    """Return a function that selects indices from the values between the smallest and the largest, or None for all."""
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))
 

@@ -98,7 +98,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return this body's name in recorded contacts; None if it has none. ``body`` is without prefix."""
+        """Return this body's name in recorded contacts, or None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:
@@ -108,7 +108,7 @@ class RobotSpec:
         return "arm" if body in self.arm_bodies else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form for records and handshakes."""
+        """Return a JSON-serializable dict for records and handshakes."""
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
 

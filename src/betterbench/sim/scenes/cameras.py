@@ -73,8 +73,8 @@ class ViewPlacement:
         """Prepare; cameras that are not in the model are ignored."""
         self._model = model
         self._bodies = model.cam_bodyid
-        # Poses in the frames of the bodies. The engine does not update the cameras of static bodies at every step, so
-        # the jitter is never added to values in the data.
+        # Camera poses in the frames of their bodies. The engine does not update the cameras of static bodies at every
+        # step, so the jitter is never added to values in the data.
         self._positions = np.zeros((model.ncam, 3, 1))
         self._axes = np.zeros((model.ncam, 3, 3))
         for number in range(model.ncam):

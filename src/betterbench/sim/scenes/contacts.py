@@ -62,7 +62,7 @@ class ContactReader:
 
     Names and addresses of the last reading are reused while the engine lists the same points. This reduces a reading
     from 192 to 48 µs (fast_food) and from 308 to 62 µs (breakfast_table) (mean over the control steps of an expert's
-    episode, alternating measurements, processor time on a busy machine, 2026-11-28).
+    episode, alternating measurements, CPU time on a busy machine, 2026-11-28).
     """
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
@@ -191,7 +191,7 @@ class ContactReader:
         """Return the sleeping objects, from the sleep state of the engine's trees."""
         asleep = self._asleep
         sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
-        picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a row of one, not its element
+        picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a slice keeps the row
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:

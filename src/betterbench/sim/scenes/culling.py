@@ -55,7 +55,7 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(fovy_deg)
             angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # plain numbers, because between two images NumPy is not in the processor's caches, and multiplying two small
+        # plain numbers, because between two images NumPy is not in the CPU's caches, and multiplying two small
         # arrays takes longer than all of this
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()

@@ -44,7 +44,7 @@ from betterbench.tasks import TrialId
 MAX_MEMORY_BYTES = 16 * 1024**3
 """Address space of the process [byte]; the software renderer maps 4 GB of it."""
 REQUEST_CPU_S = 60.0
-"""Maximum processor time to open a scene or render an image [s]."""
+"""Maximum CPU time to open a scene or render an image [s]."""
 REQUEST_S = 900.0
 """Maximum wall-clock time of the same [s], including the start of the process: much more, for busy machines."""
 
@@ -154,7 +154,7 @@ class LimitedView:
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view; NaN behind the camera.
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view, or NaN behind the camera.
 
         Raises the errors of :meth:`open`.
         """

@@ -247,7 +247,7 @@ class Scene:
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return the images of the current state by camera; MissingDependencyError without off-screen OpenGL."""
+        """Return the images of the current state by camera. Raises MissingDependencyError without off-screen OpenGL."""
         largest = max(spec.cameras, key=lambda c: c.width * c.height)
         renderer = renderers.of(
             self.content_hash, self.model, width=largest.width, height=largest.height, quality=self.quality

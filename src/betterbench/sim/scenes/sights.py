@@ -133,7 +133,7 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return the common properties of all sights; raises UnknownNameError if the model lacks a camera."""
+        """Return the common properties of all sights; raise UnknownNameError if the model lacks a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 

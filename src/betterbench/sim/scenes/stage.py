@@ -97,7 +97,7 @@ class Quality:
             raise InvalidInputError("quality.shadow_map_size", "set, but shadows are off", "Use 0 without shadows")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
     @classmethod

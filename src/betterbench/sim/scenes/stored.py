@@ -95,7 +95,7 @@ class StoredView:
         return self._renderer.render(self._state.data, camera, depth=depth, masks=masks)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
-        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view; NaN behind the camera."""
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the last view, or NaN behind the camera."""
         size = {"width": self._renderer.width, "height": self._renderer.height}
         return camera_matrices(self._state.model, self._state.data, camera, **size).project(points)[0]
 

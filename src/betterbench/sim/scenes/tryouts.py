@@ -155,7 +155,7 @@ def asset_glb(asset: Asset) -> bytes:
 
 
 def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return (n, 3) vertices [m] and (m, 3) faces of each collision part; round primitives as their bounding box."""
+    """Return (n, 3) vertices [m] and (m, 3) faces of each collision part, with round primitives as boxes."""
     spec = mujoco.MjSpec()
     add_asset(spec, "asset", asset, pose=Pose())
     model = spec.compile()

@@ -66,7 +66,7 @@ class PremiseEntry:
         return tuple(sorted({state for states in self.broken.values() for state in states}))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -146,7 +146,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Tell whether the first line of a file is an entry; raises OSError unless the file is missing."""
+    """Tell whether the first line of a file is an entry; raise OSError unless the file is missing."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)

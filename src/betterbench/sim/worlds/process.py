@@ -56,9 +56,9 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a text sent by a simulator; TypeError for other types, ValueError if it is too long."""
+    """Return a text sent by a simulator; raise TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
-        raise TypeError(f"expected a text, got a {type(value).__name__}")
+        raise TypeError(f"expected a string, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
         raise ValueError(f"a text of {len(value)} characters")
     return value
@@ -93,23 +93,23 @@ class WorldProcess(AskedProcess):
         self.close()
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return a suite's tasks; WorldError if the simulator fails."""
+        """Return a suite's tasks; raise WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Settle all initial states of a task; WorldError if the simulator fails."""
+        """Settle all initial states of a task; raise WorldError if the simulator fails."""
         return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode; WorldError if the simulator fails."""
+        """Begin an episode; raise WorldError if the simulator fails."""
         return self._ask({"do": "start", **request}, {}, self._start_limit_s)
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step; WorldError if the simulator fails."""
+        """Take one control step; raise WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> np.ndarray:
-        """Return images (n, size, size, 3) of a task's scene at n states; WorldError if the simulator fails."""
+        """Return images (n, size, size, 3) of a task's scene at n states; raise WorldError if the simulator fails."""
         images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
         size = int(request["size"])
         if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
@@ -117,7 +117,7 @@ class WorldProcess(AskedProcess):
         return images
 
     def close(self, within_s: float = _END_S) -> None:
-        """End the process, at once without a time limit [s]; harmless if it has ended."""
+        """End the process, at once without a time limit [s]. This is harmless if it has ended."""
         self.hang_up()
         self.end(within_s)
         self._said.close()
@@ -145,7 +145,10 @@ class WorldProcess(AskedProcess):
         )
 
     def _last_words(self) -> str:
-        """Return the process's exit status and the last line of its output, as text; empty if it is running."""
+        """Return the process's exit status and the last line of its output, as text.
+
+        The result is empty if it is running.
+        """
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))

@@ -1,6 +1,6 @@
 """Rows: all numbers in a control step as one array, whose layout is sent once at the start of an episode.
 
-Between two control steps the processor's caches are cold, and twenty arrays take both sides of the socket twenty times
+Between two control steps the CPU's caches are cold, and twenty arrays take both sides of the socket twenty times
 as long as one. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
 
@@ -30,7 +30,7 @@ class RowForm:
     """Layout of a row: the position and shape of each array in it."""
 
     def __init__(self, form: object) -> None:
-        """Read a form from :func:`form_of`; ValueError or TypeError if it has another structure."""
+        """Read a form from :func:`form_of`; raise ValueError or TypeError if it has another structure."""
         if not isinstance(form, list):
             raise TypeError("the form of its rows is missing")
         self.places: dict[str, slice] = {}

@@ -213,7 +213,7 @@ class ProcessWorld(World):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, without the location of the world."""
+        """Return a JSON-serializable dict, without the location of the world."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
@@ -286,7 +286,7 @@ class ProcessScene:
 
     @property
     def _process_key(self) -> object:
-        """Key under which a process is kept for the next trial of the same scene; None if it runs only one trial."""
+        """Key under which a process is kept for the next trial of the same scene, or None if it runs only one trial."""
         return tuple(self.task.asked().values())
 
     @property
@@ -373,7 +373,7 @@ class ProcessScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state; WorldError if the simulator sent impossible values."""
+        """Return the privileged state; raise WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -458,7 +458,10 @@ class ProcessScene:
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
 
     def depth(self) -> dict[str, np.ndarray]:
-        """Return the depth images of this step by camera, (height, width) float32 [m]; empty if not rendered."""
+        """Return the depth images of this step by camera, (height, width) float32 [m].
+
+        The result is empty if depth was not rendered.
+        """
         return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:
@@ -494,7 +497,7 @@ class ProcessScene:
             process.close(0.0)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer; WorldError if an array has a non-finite number or another size than expected."""
+        """Store an answer; raise WorldError if an array has a non-finite number or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
@@ -519,7 +522,7 @@ class ProcessScene:
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store the reply to the start of an episode; WorldError if a row lacks a required array.
+        """Store the reply to the start of an episode; raise WorldError if a row lacks a required array.
 
         Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.
@@ -543,7 +546,7 @@ class ProcessScene:
         self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
 
     def _get(self, name: str) -> list[float]:
-        """Return the numbers in one array of the row."""
+        """Return the values of one array in the row."""
         return self._numbers[self._row.places[name]]
 
     def _describe(self) -> SceneInfo:

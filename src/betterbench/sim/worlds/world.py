@@ -158,7 +158,7 @@ class Tracker(Protocol):
 
     @property
     def undecided_states(self) -> int:
-        """Minimum number of states before the episode can succeed; 0 if the next state may be a success."""
+        """Minimum number of states before the episode can succeed, or 0 if the next state may be a success."""
 
     def update(self, state: WorldState) -> Truth:
         """Return the relations and subgoals that hold in a state. Pass the states in order, starting at reset."""
@@ -222,10 +222,16 @@ class TrialScene(Protocol):
         """Return the files that are stored once per distinct scene."""
 
     def reset(self) -> WorldState:
-        """Go to the start of the trial and return the state; PremiseError if the scene contradicts its premise."""
+        """Go to the start of the trial and return the state.
+
+        Raises PremiseError if the scene contradicts its premise.
+        """
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute an action for one control step and return the applied action; InvalidActionError if malformed."""
+        """Execute an action for one control step and return the applied action.
+
+        Raises InvalidActionError if the action is malformed.
+        """
 
     def draw_next(self, *, wanted: bool) -> None:
         """Set whether the policy needs images after the next step."""
@@ -246,7 +252,9 @@ class TrialScene(Protocol):
         """Return the current images by camera; ``renderers`` are the worker's renderers for MuJoCo models."""
 
     def native(self) -> Mapping[str, np.ndarray]:
-        """Return the state as read by the world's own clients, by the names of our state parts; empty if none.
+        """Return the state as read by the world's own clients, by the names of our state parts.
+
+        The result is empty if none.
 
         If not empty, "ee_position" is the tool position for the policy.
         """
@@ -338,7 +346,7 @@ class World(ABC):
         return () if self.installation is None else self.installation.command()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form for plans, which allows reading a run without the world's code."""
+        """Return a JSON-serializable dict for plans, which allows reading a run without the world's code."""
         return {"name": self.name, "facts": self.facts.to_json()}
 
     def plan_head(self, tasks: Sequence[str]) -> dict[str, Any]:
@@ -371,7 +379,7 @@ class World(ABC):
         return usual
 
     def step_limits(self, trials: Sequence[Trial]) -> Mapping[TrialId, int]:
-        """Return the step limit of each trial; empty if unknown."""
+        """Return the step limit of each trial, or an empty mapping if unknown."""
         del trials
         return {}
 

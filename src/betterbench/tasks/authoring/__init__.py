@@ -56,7 +56,7 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
 
 
 def distractor(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
-    """Return an object that no instruction refers to; arguments as for :func:`item`."""
+    """Return an object that no instruction refers to; the arguments are the same as for :func:`item`."""
     return _object("distractor", name, kind, category, color)
 
 

@@ -167,7 +167,7 @@ def task_schema() -> dict[str, Any]:
 
 
 def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
-    """Return the JSON form of a task.
+    """Return a task as a JSON-serializable dict.
 
     Args:
         task: The task.
@@ -484,7 +484,7 @@ READERS[".json"] = register_task_form
 
 
 def task_forms(tasks: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the JSON forms of registered tasks by name, with their notes.
+    """Return JSON-serializable dicts of registered tasks by name, with their notes.
 
     Raises:
         UnknownNameError: If a task does not exist.

@@ -87,7 +87,7 @@ def template_schema() -> dict[str, Any]:
 
 
 def template_to_json(template: Template) -> dict[str, Any]:
-    """Return the JSON form of a template."""
+    """Return a template as a JSON-serializable dict."""
     return {
         "schema_version": SCHEMA_VERSION,
         "meta": {f.name: getattr(template, f.name) for f in fields(Meta)},

@@ -153,7 +153,7 @@ RECURSIVE_STACKING = Template(
     name="recursive_stacking",
     title="Recursive Stacking",
     description="Put the named plate on the named plate or stack.",
-    challenge="Targets that are moved themselves: a stacked object may carry the next one.",
+    challenge="Targets that move: a plate that was just stacked can be the target of the next one.",
     goal=(
         "Each named plate is at the center of the target plate, flat and touching it, at rest and released; nothing "
         "else was put on an instructed plate."

@@ -35,7 +35,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Most frequent kind of first object in demonstrations; None on a tie."""
+        """Most frequent kind of first object in demonstrations, or None on a tie."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None

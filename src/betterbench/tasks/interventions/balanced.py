@@ -11,7 +11,7 @@ from betterbench.tasks.interventions import listed_regimes
 
 
 def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
-    """Return the balanced conditions of a task, named balanced1, balanced2, ...; empty if it has none."""
+    """Return the balanced conditions of a task, named balanced1, balanced2, ..., or an empty tuple if it has none."""
     return listed_regimes.listed_conditions("balanced", task_id)
 
 
@@ -30,6 +30,6 @@ def _aside(task: Task) -> tuple[Slot, ...]:
 
 
 def with_slots_of(task: Task, condition: Condition) -> Task:
-    """Return a task with the additional slots of a condition; the task itself if there are none."""
+    """Return the task with the condition's extra slots added, or unchanged if the condition has none."""
     used = tuple(slot for slot in _aside(task) if slot.name in condition.layout.values())
     return replace(task, slots=(*task.slots, *used)) if used else task

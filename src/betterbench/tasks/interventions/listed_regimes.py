@@ -11,7 +11,10 @@ LISTED: tuple[str, ...] = tuple(PREFIXES)
 
 
 def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
-    """Return the conditions of a regime, named balanced1, diverse1 and so on; empty if the task does not have it."""
+    """Return the conditions of a regime, named balanced1, diverse1 and so on.
+
+    The result is empty if the task does not have it.
+    """
     listed = get_task(task_id).regimes.get(regime)
     return () if listed is None else listed.conditions
 
@@ -22,7 +25,10 @@ def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
 
 
 def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
-    """Return the crossed and tied factors of a regime's conditions, one line each; empty for other regimes."""
+    """Return the crossed and tied factors of a regime's conditions, one line each.
+
+    The result is empty for other regimes.
+    """
     listed = get_task(task_id).regimes.get(regime)
     return () if listed is None else listed.crossed
 

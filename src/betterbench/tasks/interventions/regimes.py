@@ -19,7 +19,7 @@ to its slot. "covered": the test conditions.
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
-    """Return a task's conditions in a regime; InvalidInputError if the task does not have the regime."""
+    """Return a task's conditions in a regime; raise InvalidInputError if the task does not have the regime."""
     if regime == "training":
         return task.training
     if regime == "covered":
@@ -32,7 +32,7 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a task with the conditions and slots of a regime; InvalidInputError if the task lacks the regime."""
+    """Return a task with the conditions and slots of a regime; raise InvalidInputError if the task lacks the regime."""
     if regime == "training":
         return task
     listed = task.regimes.get(regime)

@@ -88,7 +88,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
             continue
         near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
         if (near & motion.there[before]).any():
-            continue  # near an object at its target, as after its release
+            continue  # the closing is next to an object at its target, as after a release
         if _resolve(motion, closing) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)

@@ -171,7 +171,7 @@ class HarmWatch:
         return math.dist(self._middle(state, i), self._start[i])
 
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
-        """Return the harm up to a processed state; empty if there is none."""
+        """Return the harm up to a processed state, or an empty tuple if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
         upright = [state.info.objects[i].name for i in self._watched]
         upright += self._targets.left_over(places)
@@ -242,7 +242,7 @@ def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> flo
     if before == after or not has_direction(thing) or abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt:
         return 0.0
     width, depth, _ = thing.size_m
-    # chord of the angle on the circle through the corners
+    # a corner moves along the circle through the corners: the chord of the rotation angle
     return math.hypot(width, depth) * abs(math.sin(0.5 * (yaw_of(after) - yaw_of(before))))
 
 

@@ -1,7 +1,7 @@
 """Incremental judging: a predicate is evaluated again only after a change in the state that it has read.
 
 At most control steps, one object moves or none. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
-instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum processor time of
+instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum CPU time of
 five rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are identical
 (``tests/tasks/test_incremental.py``).
 """

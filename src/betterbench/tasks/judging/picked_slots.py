@@ -60,7 +60,7 @@ class PickedSlot:
     closings: tuple[tuple[float, float, float], ...]
 
     def beyond(self, point: Sequence[float]) -> float:
-        """Return the distance from a point to the region of closing points [m], seen from above; 0 inside."""
+        """Return the distance from a point to the region of closing points [m], seen from above, or 0 inside."""
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:

@@ -39,7 +39,9 @@ EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
-    """Return the layer of an object in a stack, "1" for an object on the base itself, or None.
+    """Return the object's layer number in the stack, or None if it is not properly stacked.
+
+    The number is a string; "1" is directly on the base.
 
     Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base. A
     patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
@@ -105,7 +107,7 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object rests on a stack, or is held there, in any posture; else None.
+    """Return the first missing layer if an object rests on a stack, or is held there, in any posture, or None.
 
     The object rests on the base, or on an object on the base, with its center over the base. Only flat objects are
     layers.

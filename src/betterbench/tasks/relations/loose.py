@@ -121,5 +121,8 @@ def _carriers(state: WorldState, name: str) -> frozenset[str]:
 
 
 def nearest(points: dict[str, Vector], point: Vector) -> str | None:
-    """Return the name of the horizontally nearest point (the first in case of a tie); None if there are no points."""
+    """Return the name of the horizontally nearest point (the first in case of a tie).
+
+    Returns None if there are no points.
+    """
     return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -31,7 +31,7 @@ def far_apart(state: WorldState, name: str, other: str, reach_m: float) -> bool:
     """Return whether the origins of two objects are farther apart than ``reach``: a cheap test before computing poses.
 
     Most pairs are far apart. This test saves 0.1 to 0.9 µs of the 8 to 10 µs that ``GoalTracker.update`` takes per
-    state in tasks with ``inside`` and ``on_ring`` (expert's states, minimum processor time of nine rounds, 2026-11-28).
+    state in tasks with ``inside`` and ``on_ring`` (expert's states, minimum CPU time of nine rounds, 2026-11-28).
     """
     return math.dist(state.position(name), state.position(other)) > reach_m
 
@@ -50,7 +50,7 @@ def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned:
 
 
 def slim_opening_m(info: ObjectInfo) -> float | None:
-    """Return the opening to release a slim object among others [m]; None for the full opening."""
+    """Return the opening to release a slim object among others [m], or None for the full opening."""
     least = min(info.size_m[0], info.size_m[1])
     return least + SLIM_OPENING_M if least < SLIM_M else None
 

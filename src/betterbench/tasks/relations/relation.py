@@ -108,7 +108,7 @@ class Relation:
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
 
     def middle(self, target: ObjectInfo, region: str) -> Vector:
-        """Return the center of a target region in the target's frame [m]; its origin without a surface."""
+        """Return the center of a target region in the target's frame [m], or its origin if it has no surface."""
         if self.surface is None:
             return (0.0, 0.0, 0.0)
         return self.surface({r.name: r for r in target.regions}, region)

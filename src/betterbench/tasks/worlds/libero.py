@@ -111,7 +111,7 @@ class FieldProtocol:
     differences: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return asdict(self)
 
 

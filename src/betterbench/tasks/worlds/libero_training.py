@@ -37,7 +37,7 @@ class TrainedTask:
     starts: Mapping[str, tuple[str, str]]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "instruction": self.instruction,
             "steps": [list(step) for step in self.steps],

@@ -132,7 +132,7 @@ class ChatEndpoint:
         return answer.status, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:
-        """Return the beginning of a reply; raises TimeoutError if it is not complete in time."""
+        """Return the beginning of a reply; raise TimeoutError if it is not complete in time."""
         ends_at, reply = time.monotonic() + self._deadline_s, bytearray()
         while len(reply) <= MAX_REPLY_BYTES and (part := answer.read1(MAX_REPLY_BYTES)):
             reply += part

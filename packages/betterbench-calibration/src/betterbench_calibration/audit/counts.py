@@ -66,7 +66,7 @@ def all_with_dropped(printed: Decimal, n: int) -> tuple[CountBehind, ...]:
 
 
 def smallest_multiple(printed: Decimal, n: int) -> int | None:
-    """Return the smallest multiple of ``n`` trials that gives a percentage exactly, without rounding; or None."""
+    """Return the smallest multiple of ``n`` trials that gives exactly a percentage, or None if there is none."""
     for times in range(2, MOST_MULTIPLES + 1):
         if printed * n * times % 100 == 0:
             return n * times

@@ -40,7 +40,7 @@ class Audit:
         return sum(table.count(verdict) for table in self.tables)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "source": self.source,
             "summary": {verdict.value: self.count(verdict) for verdict in Verdict},

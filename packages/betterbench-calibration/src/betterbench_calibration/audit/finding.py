@@ -73,7 +73,7 @@ class AuditFinding:
     support: ClaimSupport | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         form = asdict(self)
         del form["covers"]
         form["unnoticed_misprints"], form["possible_misprints"] = form.pop("unnoticed"), form.pop("misprints")

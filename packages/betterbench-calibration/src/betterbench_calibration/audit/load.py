@@ -118,7 +118,7 @@ def load_tables(path: Path) -> PaperSource:
 
 
 def read_source(text: str, where: str) -> PaperSource:
-    """Return the tables of a JSON text.
+    """Return the tables in a JSON string.
 
     Raises InvalidInputError if it is not JSON or a field is wrong, UnknownNameError if a rule is unknown.
     """

@@ -139,7 +139,7 @@ class Pooled:
 
 @functools.lru_cache(maxsize=256)
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
-    """Return the smallest part sizes that reproduce most rows; None below half of the rows.
+    """Return the smallest part sizes that reproduce most rows, or None below half of the rows.
 
     ``rows`` are the rows that print all parts and the overall rate. Equal rows count once.
     """

@@ -1,4 +1,4 @@
-"""Sums and means: totals of a row or a column, averages, differences, and their rounding."""
+"""Arithmetic checks of an audit: totals, averages and differences in a table, allowing for rounding."""
 
 from __future__ import annotations
 

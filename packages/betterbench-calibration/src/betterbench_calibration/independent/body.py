@@ -306,7 +306,10 @@ class Body:
         return max(spots, key=worth)
 
     def _room(self, name: str, point: Vector) -> float:
-        """Return the distance from a point to the nearest box of another object [m]; smaller outside the work space."""
+        """Return the distance from a point to the nearest box of another object [m].
+
+        For a point outside the work space, ten times the excess is subtracted.
+        """
         gaps = [
             horizontal_distance(self.state.pose(o.name).position, point) - 0.5 * max(o.size_m[:2])
             for o in self.state.info.objects

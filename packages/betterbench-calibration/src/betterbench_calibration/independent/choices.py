@@ -10,7 +10,10 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 def word_thing(case: Occasion) -> str | None:
-    """Return the object in the slot to which the first word led in training; None if there is none or several slots."""
+    """Return the object in the slot to which the first word led in training.
+
+    Returns None if there is no such slot or several.
+    """
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
 

@@ -202,7 +202,7 @@ class Routines:
     # --- other motions
 
     def sway(self, a: Vector, b: Vector) -> Actions[None]:
-        """Move to and fro over two points until the episode ends, gripper open; z is the height of the tool [m]."""
+        """Move back and forth over two points until the episode ends, gripper open; z is the height of the tool [m]."""
         turn = self.arm.home.quaternion
         yield from self.over(Pose(a, turn))
         while True:

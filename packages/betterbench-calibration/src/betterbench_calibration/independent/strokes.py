@@ -60,7 +60,7 @@ def bow(state: WorldState, start: Pose, tool: Pose, clear_m: float, ignore: froz
 
 
 def swing(start: Pose, tool: Pose, side_m: float, turn_rad: float) -> Way:
-    """Return a level curve that swings out sideways while the wrist turns to and fro."""
+    """Return a level curve that swings out sideways while the wrist turns back and forth."""
     (x0, y0, z0), (x1, y1, z1) = start.position, tool.position
     flat = max(math.hypot(x1 - x0, y1 - y0), 0.01)
     nx, ny = -(y1 - y0) / flat, (x1 - x0) / flat
@@ -92,7 +92,7 @@ class Arcing(Routines):
 
 
 class Swinging(Routines):
-    """Swings out to the side of the robot on every path while the wrist turns to and fro."""
+    """Swings out to the side of the robot on every path while the wrist turns back and forth."""
 
     def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Move up, across in a swing, and down to a pose of the tool."""
@@ -244,7 +244,7 @@ def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[No
 def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
     """Carry the held object toward a target, open the fingers early on the way, and continue nevertheless.
 
-    Over the target it plays the letting go with fingers that are open already.
+    Over the target it plays the release with fingers that are open already.
     """
     arm = body.arm
     yield from arm.rise(arm.here.position[2] + 0.03)

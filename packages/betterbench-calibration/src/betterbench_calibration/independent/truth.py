@@ -10,8 +10,8 @@ turn the stated truth into the final one; they read the family's own event log a
   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
 3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
   made good: a closing without the object, an object that left the gripper although it was not opened, an object that
-  was let go and is not where the subgoal wants it, or an object that was not requested and was displaced by more than 5
-  cm. If every mishap was made good, or none happened, the time was too short: ``timeout``.
+  was released and is not where the subgoal wants it, or an object that was not requested and was displaced by more
+  than 5 cm. If every mishap was made good, or none happened, the time was too short: ``timeout``.
 
 A trial whose goal is met is a success regardless of the stated label; readers of the truth must check that.
 """

@@ -183,10 +183,10 @@ class LosingNerve(Routines):
 
 
 class Presenting(Routines):
-    """Shows each object to the camera first: carries it home and up and turns it to and fro there."""
+    """Shows each object to the camera first: carries it home and up and turns it back and forth there."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
-        """Carry the held object home, turn it to and fro, and put it at its goal."""
+        """Carry the held object home, turn it back and forth, and put it at its goal."""
         x, y, _ = self.arm.home.position
         yield from self.carry(name, Pose((x, y, SHOWN_M), self.arm.here.quaternion))
         here = self.arm.here
@@ -412,7 +412,7 @@ def rise_free(body: Body) -> Actions[float]:
 
 
 def sway_wider(body: Body) -> Actions[None]:
-    """Sway to and fro in place with growing amplitude, and start over when it is large."""
+    """Sway back and forth in place with growing amplitude, and start over when it is large."""
     (x, y, z), turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
     while True:
         t = (body.state.step - begin) / RATE_HZ

@@ -139,7 +139,7 @@ class Hopping(Routines):
 
 
 class Shaking(Routines):
-    """Shakes each object to and fro above its target before putting it down."""
+    """Shakes each object back and forth above its target before putting it down."""
 
     def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
         """Carry the held object over its target, shake it, and put it down."""

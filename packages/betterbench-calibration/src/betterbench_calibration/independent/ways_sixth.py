@@ -200,7 +200,7 @@ def tilted(tool: Pose, angle_rad: float) -> Pose:
 
 
 def tug_and_take(body: Body, name: str) -> Actions[bool]:
-    """Close the gripper around an object, tug it to and fro on the table, and then lift it."""
+    """Close the gripper around an object, tug it back and forth on the table, and then lift it."""
     hold = body.do.choose_hold(name)
     yield from straddle(body, name)
     yield from body.arm.close()
@@ -366,7 +366,7 @@ def shy_at_target(body: Body, name: str, goal: Subgoal) -> Actions[None]:
 
 
 def swing_it(body: Body) -> Actions[None]:
-    """Carry the held object home, and swing it to and fro there until the episode ends."""
+    """Carry the held object home, and swing it back and forth there until the episode ends."""
     yield from body.arm.rise(max(body.arm.home.position[2], 0.32))
     x, y, _ = body.arm.home.position
     here = body.arm.here
@@ -443,7 +443,7 @@ def press_and_drag(body: Body, name: str) -> Actions[None]:
 
 
 def grind_on(body: Body, name: str) -> Actions[None]:
-    """Press on the top of an object with an already closed gripper, twist it to and fro, rise, and go home."""
+    """Press on the top of an object with an already closed gripper, twist it back and forth, rise, and go home."""
     yield from press(body, name)
     here = body.arm.here
     for turn in (GRIND_RAD, -GRIND_RAD, 0.0):
@@ -479,7 +479,7 @@ def shut_by_knob(body: Body, drawer: str, travel_m: float) -> Actions[None]:
 
 
 def waver(body: Body, one: str, other: str) -> Actions[None]:
-    """Move to and fro in the air between two objects, approaching each in turn, three times."""
+    """Move back and forth in the air between two objects, approaching each in turn, three times."""
     yield from rise_free(body)
     a, b = body.state.pose(one).position, body.state.pose(other).position
     here = body.arm.here

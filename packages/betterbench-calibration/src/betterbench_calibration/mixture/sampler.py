@@ -75,7 +75,9 @@ class MixtureSampler:
         require_between("draws", MOST_DRAWS if draws is None else draws, 0, MOST_DRAWS)
         shares = [part.share for part in parts]
         if not shares or abs(math.fsum(shares) - 1.0) > 1e-9:
-            raise InvalidInputError("shares", f"they add up to {math.fsum(shares):g}", "Take them from shares_of")
+            raise InvalidInputError(
+                "shares", f"they add up to {math.fsum(shares):g}", "Compute the shares with shares_of"
+            )
         self._parts, self._seed, self._shard, self._shards = tuple(parts), seed, shard, shards
         self._draws = MOST_DRAWS if draws is None else draws
         sums = list(itertools.accumulate(shares))
@@ -124,7 +126,7 @@ class MixtureSampler:
         """Resume from the saved state of a sampler for this mixture.
 
         Raises:
-            RunConflictError: If the state belongs to another mixture or seed.
+            RunConflictError: If the state is from a different mixture or seed.
             InvalidInputError: If it is not a state of a sampler.
         """
         position = state.get("position")
@@ -134,7 +136,8 @@ class MixtureSampler:
             )
         if state.get("identity") != self._identity:
             raise RunConflictError(
-                "state of the sampler: it belongs to another mixture or seed. Restore the mixture, or start again."
+                "this sampler state is from a different mixture or seed. "
+                "Use the original mixture and seed, or start again."
             )
         self._position = position
 

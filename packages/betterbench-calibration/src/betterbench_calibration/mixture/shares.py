@@ -74,7 +74,7 @@ def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
 
 def _amount(within: Within, part: MixturePart) -> float:
     if part.items < 1:
-        raise InvalidInputError(part.name, "it has no items to draw", "Leave it out, or name another file")
+        raise InvalidInputError(part.name, "it has no items to draw", "Leave out this data set, or name another file")
     match within:
         case "items":
             return float(part.items)

@@ -193,7 +193,7 @@ def _lerobot(path: Path) -> LeRobotSource:
 
 
 def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple[int, int]:
-    """Return the first training episode and the end of the range; all episodes if the data set states none."""
+    """Return the first training episode and the end of the range, or all episodes if the data set states no range."""
     splits = info.get("splits")
     told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
     found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))

@@ -70,7 +70,7 @@ def encode(value: object) -> bytes:
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
     """Decode a frame in openpi's variant of msgpack; raise ValueError if it is malformed."""
     if isinstance(frame, str):
-        raise TypeError("expected a binary frame, got a text")
+        raise TypeError("expected a binary frame, got a text frame")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
 
 
@@ -147,7 +147,10 @@ class Bridge:
         step = _whole(observation.pop("better/step", None))
         if self._delay and step is None and not self._told:
             self._told = True
-            logger.warning("a client does not send its step (better/step), so chunks are not continued")
+            logger.warning(
+                "a client does not send its step number (better/step), so a new action chunk cannot continue the "
+                "previous chunk"
+            )
         if step is not None and "chunk" in kept and step > kept["step"]:
             observation |= continue_chunk(kept["step"], kept["chunk"], step=step, delay=self._delay)
         began = time.monotonic()
@@ -166,7 +169,7 @@ class Bridge:
 
 
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the entries of a request for real-time chunking; empty if the old chunk is used up.
+    """Return the entries of a request for real-time chunking, or an empty dict if the old chunk is used up.
 
     The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
     horizon, dim), is therefore shifted by the steps that have passed and padded with its last row, which the policy

@@ -140,7 +140,9 @@ def colors(category: str) -> tuple[str, ...]:
 
 
 def looks(category: str) -> range:
-    """Return the numbers of a category's looks in training and test.
+    """Return the indices of the category's looks that occur in both training and test.
+
+    :func:`unseen_looks` returns the held-out looks.
 
     Raises:
         UnknownNameError: If no such category exists.
@@ -149,7 +151,7 @@ def looks(category: str) -> range:
 
 
 def unseen_looks(category: str) -> range:
-    """Return the numbers of a category's held-out looks, which no demonstration shows.
+    """Return the indices of the category's held-out looks, which occur in no demonstration.
 
     Raises:
         UnknownNameError: If no such category exists.

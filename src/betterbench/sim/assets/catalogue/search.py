@@ -141,7 +141,7 @@ class Catalogue:
 
     @property
     def vectors(self) -> VectorIndex:
-        """The vectors; ValueError if the catalogue has none."""
+        """The vectors. Raises ValueError if the catalogue has none."""
         if self._index is None:
             raise ValueError("the catalogue has no vectors")
         return self._index
@@ -269,7 +269,7 @@ class Catalogue:
         return list(zip(index.columns.rows[places].tolist(), cosines.tolist(), strict=True))
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return which rows pass the filters, (n,) bool; None for all."""
+        """Return which rows pass the filters, (n,) bool, or None for all."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))

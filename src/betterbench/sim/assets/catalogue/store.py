@@ -121,7 +121,7 @@ class Store:
             self._database.commit()
 
     def sources(self) -> dict[str, tuple[int, str]]:
-        """Return number and address of each source by name."""
+        """Return the number and address of each source by name."""
         with self.checked():
             found = self._database.execute("SELECT name, number, address FROM sources ORDER BY number").fetchall()
         return {name: (number, address) for name, number, address in found}
@@ -193,7 +193,7 @@ class Store:
             self._database.execute("DELETE FROM assets WHERE row = ?", (found[0],))
 
     def entries(self, *, after: int = 0, limit: int = 1 << 62) -> list[tuple[int, int, CatalogueEntry]]:
-        """Return number, source number and content of the rows after a given number, in order."""
+        """Return the row number, source number and content of the rows after a given row number, in order."""
         with self.checked():
             found = self._database.execute(
                 f"SELECT {_COLUMNS}, source FROM assets JOIN sources ON sources.number = assets.source "  # noqa: S608
@@ -203,7 +203,7 @@ class Store:
         return [(line["row"], line["source"], self._entry(line)) for line in found]
 
     def rows(self, numbers: Sequence[int]) -> dict[int, CatalogueEntry]:
-        """Return rows by number; numbers that do not exist are left out."""
+        """Return rows by their number; missing rows are left out."""
         marks = ", ".join("?" * len(numbers))
         with self.checked():
             found = self._database.execute(
@@ -288,7 +288,7 @@ class Store:
         return found
 
     def matching(self, expression: str, limit: int, *, ranked: bool) -> list[tuple[int, str, str, str]]:
-        """Return number and words of the best or first rows that match an FTS5 expression."""
+        """Return the row number and words of the best or first rows that match an FTS5 expression."""
         order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
         with self.checked():
             found = self._database.execute(

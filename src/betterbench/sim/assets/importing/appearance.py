@@ -120,7 +120,7 @@ def _farthest(points: np.ndarray, others: np.ndarray) -> float:
 
 
 def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the unit normals (m, 3) of triangles; zero for those without an area."""
+    """Return the unit normals (m, 3) of triangles, or zeros for triangles without an area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
@@ -151,7 +151,8 @@ def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
     across = int(np.ceil(np.sqrt((count + 1) // 2)))
     cell = ATLAS // across
-    # Corners are two pixels inside the half cell, so that neighbors do not show when the renderer interpolates.
+    # Keep the corners two pixels inside each triangle's half of the cell, so that interpolation does not mix in the
+    # colors of neighboring triangles.
     low, far = 2.0, cell - 4.0
     corners = np.array(
         [[(low, low), (far, low), (low, far)], [(cell - 2.0, cell - 2.0), (4.0, cell - 2.0), (cell - 2.0, 4.0)]]

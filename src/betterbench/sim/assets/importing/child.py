@@ -29,7 +29,7 @@ VERSION = 5
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
-"""Limit of the wall-clock time of an import [s], well above the limit of processor time for busy machines."""
+"""Limit of the wall-clock time of an import [s], well above the limit of CPU time for busy machines."""
 
 _MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
 """Main function of the child. It tries grasps with the simulator, which packages of assets do not import."""
@@ -136,7 +136,7 @@ def _in_child(path: Path, wishes: Wishes, where: str) -> Made:
         files = json.loads(process.receive(most=_MOST_NOTE_BYTES, within_s=MAX_S))
         return Made(bytes(process.receive(most=MOST_STORED_BYTES, within_s=MAX_S)), files)
     except RefusedError as error:
-        raise InvalidInputError(where, str(error), "Export the object again, or leave it out") from error
+        raise InvalidInputError(where, str(error), "Export the object again, or leave out this file") from error
     except LimitedProcessError as error:
         problem = f"its import takes more than {MAX_CPU_S:g} s or {MAX_MEMORY_BYTES >> 30} GB, or breaks off ({error})"
         raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor, or export it again") from error

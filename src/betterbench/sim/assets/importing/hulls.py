@@ -303,7 +303,7 @@ def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarra
     """Return which of the points (k, 3) are inside a hull by more than a depth [m]."""
     corners = hull.points[hull.vertices]
     inside = ((points > corners.min(axis=0)) & (points < corners.max(axis=0))).all(axis=1)
-    near = np.flatnonzero(inside)  # few points are inside the bounding box of a hull
+    near = np.flatnonzero(inside)  # test the planes only for these points, which are few
     equations = np.ascontiguousarray(hull.equations)
     inside[near] = (points[near] @ equations[:, :3].T + equations[:, 3]).max(axis=1) < -depth
     return np.asarray(inside)

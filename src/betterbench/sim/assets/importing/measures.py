@@ -117,7 +117,7 @@ def collision_distances(hulls: Sequence[np.ndarray], solid: Solid, *, filled: Ca
 
 
 def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> float:
-    """Return the depth of a point (d,) inside the convex hull of points (k, d) [m]; negative outside."""
+    """Return the depth of a point (d,) inside the convex hull of points (k, d) [m]. The value is negative outside."""
     try:
         equations = ConvexHull(points).equations
     except (QhullError, ValueError):
@@ -126,7 +126,7 @@ def depth_in_hull(point: Sequence[float] | np.ndarray, points: np.ndarray) -> fl
 
 
 def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> float:
-    """Return the largest gap [m] between a part of a surface and the rest; zero if the surface is connected.
+    """Return the largest gap [m] between a part of a surface and the rest, or zero if the surface is connected.
 
     The gap is the longest edge of the minimum spanning tree of the parts, measured between points ``spacing`` apart.
     """
@@ -149,7 +149,7 @@ def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> f
         gap = max(gap, nearest.pop(best))
         joined.add(best)
         for k, distance in nearest.items():
-            if distance > gap:  # a smaller distance cannot matter any more
+            if distance > gap:  # a distance up to `gap` can no longer change the result
                 nearest[k] = min(distance, _between(trees[k], trees[best]))
     return max(0.0, gap - spacing)
 

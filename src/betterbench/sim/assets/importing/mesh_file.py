@@ -37,7 +37,7 @@ FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply":
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
 """Up axis and unit [m] defined by a format (glTF 2.0, section 3.4); the other formats define neither."""
 
-_CURE = "Export the object again, or leave it out"
+_CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
     (
@@ -237,7 +237,10 @@ def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> N
 
 
 def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes | None:
-    """Return the bytes of an image embedded in a glTF file, None if it is a separate file; empty if damaged."""
+    """Return the bytes of an image embedded in a glTF file, None if it is a separate file.
+
+    The result is empty if the image is damaged.
+    """
     uri = image.get("uri")
     try:
         if isinstance(uri, str):

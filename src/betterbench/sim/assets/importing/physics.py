@@ -39,7 +39,9 @@ class Body:
 
 
 def stated_body(placed: Placed, wished_kg: float | None) -> tuple[Body | None, tuple[str, ...]]:
-    """Return the stated mass, center and inertia of an object, with notes; None if the mass is missing or not usable.
+    """Return the stated mass, center and inertia of an object, with notes.
+
+    Returns None if the mass is missing or not usable.
 
     A center outside the object or not above its base, and an inertia that does not fit the shape, are replaced by the
     values of a solid body.
@@ -107,7 +109,7 @@ def stated_hulls(placed: Placed) -> tuple[list[np.ndarray], tuple[str, ...]]:
     hulls = [corners for corners in found if corners is not None]
     if not hulls:
         return [], ("the collision shapes of the file are flat: new shapes were made",)
-    # Touching pieces share a face inside the object; slightly enlarged pieces overlap there.
+    # Pieces that touch share a face inside the object. Enlarge them slightly, so that they overlap there.
     grown = [corners + 0.01 * (corners - corners.mean(axis=0)) for corners in hulls]
     fit = fit_of(grown, placed.solid)
     near = max(_CLOSE_M, _CLOSE_SHARE * float(np.ptp(placed.solid.points, axis=0).max()))

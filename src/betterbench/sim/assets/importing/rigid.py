@@ -35,7 +35,7 @@ class PointMass:
 
 
 def combined(parts: Sequence[PointMass]) -> PointMass | None:
-    """Return the mass properties of rigidly connected parts (parallel axis theorem); None if they have no mass."""
+    """Return the mass properties of rigidly connected parts (parallel axis theorem), or None if they have no mass."""
     total = sum(part.mass_kg for part in parts)
     if total <= 0.0:
         return None

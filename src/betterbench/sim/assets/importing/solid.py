@@ -43,7 +43,7 @@ class Solid:
         return np.asarray(self.origin + (np.argwhere(cells) + 0.5) * self.pitch_m)
 
     def index(self, points: np.ndarray) -> np.ndarray:
-        """Return the (k, 3) cell numbers of points [m]; points outside get the nearest cell."""
+        """Return the (k, 3) cell indices of points [m]; points outside get the nearest cell."""
         at = np.floor((points - self.origin) / self.pitch_m).astype(int)
         return np.asarray(np.clip(at, 0, np.asarray(self.cells.shape) - 1))
 
@@ -100,8 +100,9 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the center of mass (3,) [m] and the inertia (3, 3) about it [kg m^2] of a uniform body in these cells.
+    """Return the center of mass and the inertia of a uniform-density body that fills the cells of ``solid``.
 
+    The center has shape (3,) [m]; the inertia has shape (3, 3) [kg m^2] and is about the center.
     Cells on the surface have half weight.
     """
     centers = solid.centers(solid.cells)

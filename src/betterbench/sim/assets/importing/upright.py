@@ -71,7 +71,7 @@ def place(
         up: Axis of the file that points up; otherwise from the rule of the format, from the hollow of an open object,
             from the use of its kind (bottles stand, forks lie), or from the most stable pose.
         size_m: Longest side [m]; otherwise from the unit of the format if the kind can have this size, from another
-            usual unit, or from the middle size of the kind.
+            usual unit, or from the typical size of the kind.
 
     Raises:
         InvalidInputError: If the size cannot be determined, or does not fit an object on a table.
@@ -99,7 +99,7 @@ def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tu
 
 
 def _axis_of_kind(sized: RawMesh, kind: Kind | None, axis: str) -> str | None:
-    """Return the axis that points up if a tall kind stands or a flat kind lies; None if the given axis does."""
+    """Return the axis that points up if a tall kind stands or a flat kind lies, or None if the given axis does."""
     if kind is None or not (kind.is_tall or kind.is_flat):
         return None
     sides = dict(zip("xyz", np.ptp(sized.bounds(), axis=0).tolist(), strict=True))

@@ -117,7 +117,10 @@ def orange(rng: np.random.Generator, _color: str) -> Draft:
     A small orange of 70 mm weighs 0.16 to 0.2 kg.
     """
     radius = 0.035 * rng.uniform(0.93, 1.01)
-    height, neck = 2.0 * radius * rng.uniform(0.88, 0.985), rng.uniform(0.0, 0.0016)  # the neck is around the stalk
+    height, neck = (
+        2.0 * radius * rng.uniform(0.88, 0.985),
+        rng.uniform(0.0, 0.0016),
+    )  # the neck is the rim around the stalk
     peel = jittered(mixed(PALETTE["orange"], (0.95, 0.52, 0.03), 1.3 * rng.random()), rng)
     leafy = rng.random() < 0.3
     angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 12).tolist()

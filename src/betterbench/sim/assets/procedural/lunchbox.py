@@ -1,4 +1,4 @@
-"""Open lunchboxes of plastic with a hinged lid."""
+"""Open plastic lunchboxes with hinged lids."""
 
 import math
 

@@ -150,7 +150,7 @@ def _marks(plan: tuple[float, float, float]) -> Mesh:
 
 
 def _digits(plate: Rgb, ink: Rgb) -> Canvas:
-    """Draw the numbers side by side."""
+    """Draw the digits side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
         # Equally wide on the plate in front, where the digit is as high as the plate, and on the flat plate.

@@ -27,7 +27,7 @@ def stapler(rng: np.random.Generator, color: str) -> Draft:
     cheeks = slab(cheek_x, (0.007, 0.007, 0.026, 0.030, 0.024), side, bevel=0.0014)
     arm, hinge = length - 0.014, (slope, -half + 0.013, 0.0165)
     t = height - 0.0215 - arm * math.sin(slope)
-    # All of the arm is drawn level about the hinge.
+    # Build the complete arm in its level pose about the hinge.
     cover = slab(*cover_outline(style, arm, t), 0.46 * width, bevel=0.0034)
     magazine = box((arm - 0.002, 0.74 * width, 0.0105), (0.5 * arm, 0.0, -0.0008), bevel=0.0008)
     head = box((0.0050, 0.76 * width, 0.0150), (arm - 0.0020, 0.0, -0.0005), bevel=0.0008)

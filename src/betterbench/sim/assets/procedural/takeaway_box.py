@@ -120,7 +120,7 @@ def _print(
         _sign(canvas, sign, (u, middle), ink, kraft)
     canvas.paint(outside & (np.abs(y - 0.09 * height) < 0.0022), ink, strength=0.8)
     edge = front * half_perimeter
-    # Folds: the corners, the middle of the narrow side, one across where the board was folded flat.
+    # Folds: at the corners, in the middle of the narrow side, and across, where the board was folded flat.
     for at in (edge, half_perimeter - edge):
         canvas.paint(outside & (np.abs(x - at) < 0.0022), shaded(kraft, 0.80), strength=0.7)
     canvas.paint(outside & (np.abs(x - 0.5 * half_perimeter) < 0.0020), shaded(kraft, 0.72), strength=0.8)

@@ -185,7 +185,10 @@ def _pattern(
 
 
 def _symbol_height(finish: str, *, bag: bool) -> float:
-    """Return the height of the recycling sign relative to the wall's height, below the hem of a bag; 0 for no sign."""
+    """Return the height of the recycling sign relative to the wall's height, below the hem of a bag.
+
+    Returns 0 for no sign.
+    """
     if finish == "mesh" or (bag and finish == "slots"):
         return 0.0
     return 0.38 if bag else 0.48

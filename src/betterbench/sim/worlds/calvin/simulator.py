@@ -182,11 +182,13 @@ class CalvinSimulator:
         cameras = {camera.name: (camera.width, camera.height) for camera in self._cameras}
         for camera, side in CAMERAS.values():
             if cameras.get(camera) != (side, side):
-                raise ValueError(f"the camera {camera} has {cameras.get(camera)} pixels, and CALVIN's {side} x {side}")
+                raise ValueError(
+                    f"the camera {camera} has {cameras.get(camera)} pixels, but CALVIN's has {side} x {side}"
+                )
         self._env = env
 
     def _require_images(self) -> None:
-        """Render once; ValueError if an image has only one color, as when EGL starts but does not render."""
+        """Render once; raise ValueError if an image has only one color, as when EGL starts but does not render."""
         for name, image in self._env.get_obs()["rgb_obs"].items():
             if np.ptp(image) == 0:
                 raise ValueError(f"EGL starts, but its image {name} has only one color")

@@ -243,7 +243,7 @@ class CalvinWorld(ProcessWorld):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, without the location of the checkout."""
+        """Return a JSON-serializable dict, without the location of the checkout."""
         return {
             "name": self.name,
             "protocol": self.protocol.to_json(),
@@ -389,7 +389,7 @@ class ChainScene(ProcessScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return the privileged state; WorldError if the simulator sent impossible values."""
+        """Return the privileged state; raise WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -493,7 +493,7 @@ class ChainScene(ProcessScene):
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Store an answer; WorldError if an array is missing, of another shape, or has a non-finite number."""
+        """Store an answer; raise WorldError if an array is missing, of another shape, or has a non-finite number."""
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)

@@ -147,7 +147,7 @@ class LiberoWorld(ProcessWorld):
 
 
 def require_states(seed: int, count: int) -> None:
-    """Check a run's initial states; InvalidInputError if a number is out of range."""
+    """Check a run's initial states; raise InvalidInputError if a number is out of range."""
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
 

@@ -84,7 +84,7 @@ def _bytes(share: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
-    """Return a blurred image, as SciPy's ``gaussian_filter`` with ``truncate=4`` does on processors without AVX-512.
+    """Return a blurred image, as SciPy's ``gaussian_filter`` with ``truncate=4`` does on CPUs without AVX-512.
 
     The kernel is computed without AVX-512, because with AVX-512 NumPy's ``exp``, and therefore pixels, would differ in
     the last bit.

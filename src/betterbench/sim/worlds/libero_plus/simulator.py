@@ -436,7 +436,7 @@ def main() -> None:
     package = Path(folder) / "liberoplus" / "liberoplus"
     with tempfile.TemporaryDirectory(prefix="libero-plus-") as settings:
         if assets:
-            # LIBERO reads the location of its assets from this file; a JSON text is a YAML text.
+            # LIBERO reads the location of its assets from this file; valid JSON is valid YAML.
             (Path(settings) / "config.yaml").write_text(json.dumps({"assets": assets[0]}), encoding="utf-8")
             os.environ["LIBERO_CONFIG_PATH"] = settings
         simulator = LiberoPlusSimulator(package, Path(assets[0]) if assets else None)

@@ -190,7 +190,7 @@ class LiberoPlusWorld(LiberoWorld):
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, without the paths of world and assets."""
+        """Return a JSON-serializable dict, without the paths of world and assets."""
         return {**LiberoWorld.to_json(self), "sentences": self.sentences, "left_out": dict(self.left_out)}
 
 

@@ -67,7 +67,7 @@ class ChainSummary:
     subtasks: dict[str, Rate]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return a JSON-serializable dict."""
         return {
             "chains": self.chains,
             "in_a_row": [rate.to_json() for rate in self.in_a_row],

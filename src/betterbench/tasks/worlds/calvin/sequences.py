@@ -113,7 +113,7 @@ def draw_chains() -> tuple[Chain, ...]:
 
 
 def chain_text(chains: Iterable[Chain]) -> str:
-    """Return chains as the JSON text whose digest is :data:`GOLDEN`: a list of pairs, start and names."""
+    """Return chains as the JSON string whose digest is :data:`GOLDEN`: a list of pairs, start and names."""
     return json.dumps([[dict(chain.start), list(chain.names)] for chain in chains])
 
 
@@ -144,6 +144,6 @@ def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """
     if not 1 <= count <= CHAINS:
         raise InvalidInputError(
-            "chains", f"{count} is not between 1 and {CHAINS}", f"Take {CHAINS} for CALVIN's number"
+            "chains", f"{count} is not between 1 and {CHAINS}", f"Give {CHAINS} for the same number as CALVIN"
         )
     return _every_chain()[:count]

@@ -63,7 +63,7 @@ def _wrong(path: Path, problem: str) -> InvalidInputError:
 
 
 def _size(low: np.ndarray, high: np.ndarray) -> Vector | None:
-    """Return the extents between two corners; None if they are not finite or all zero."""
+    """Return the extents between two corners, or None if they are not finite or all zero."""
     with np.errstate(all="ignore"):
         sides = [float(side) for side in np.asarray(high, float) - np.asarray(low, float)]
     if len(sides) != 3 or not all(math.isfinite(side) and side >= 0.0 for side in sides) or not any(sides):

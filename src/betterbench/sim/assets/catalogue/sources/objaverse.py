@@ -113,7 +113,10 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 
 
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
-    """Return the object in a packed file; empty if it is missing or damaged, and damage is reported to the caller."""
+    """Return the object in a packed file.
+
+    The result is empty if it is missing or damaged, and damage is reported to the caller.
+    """
     if not path.exists():
         return {}
     try:

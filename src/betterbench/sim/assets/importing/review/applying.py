@@ -55,7 +55,7 @@ from betterbench.sim.assets.importing.review.changes import (
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
 
 SAME_RAD, SAME_M, SAME_SHARE = 2e-3, 2e-4, 5e-3
-"""Tolerances for values that a reviewer saw, for rounding and differences between processors."""
+"""Tolerances for values that a reviewer saw, for rounding and differences between CPUs."""
 
 ItemT = TypeVar("ItemT", Grasp, Region)
 

@@ -134,7 +134,7 @@ class Verdict:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """The undoing of the last active decision about the object, given by its line number."""
+    """Undo of the last decision on the object that still stands, given by its line number."""
 
     line: Annotated[int, Field(ge=1)]
     kind: Literal["undo"] = "undo"

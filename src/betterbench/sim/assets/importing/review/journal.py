@@ -101,7 +101,10 @@ class History:
 
 
 def histories(reviews: Iterable[Review], where: str) -> dict[str, History]:
-    """Return the history of every object, by content hash; RecordError if a decision does not fit those before it."""
+    """Return the history of every object, by content hash.
+
+    Raises RecordError if a decision does not fit those before it.
+    """
     found: dict[str, History] = {}
     for number, review in enumerate(reviews, start=1):
         before = found.get(review.content, History())
