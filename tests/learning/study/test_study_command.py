@@ -37,7 +37,7 @@ def let_work(monkeypatch, *arguments):
 def test_each_preset_is_a_plan_in_a_file_of_ones_own_too(tmp_path, name):
     """A lever whose eyes have a window is nested deepest."""
     (tmp_path / "plan.yaml").write_text(preset_text(name))
-    assert study._plan(tmp_path / "plan.yaml", None) == study._plan(None, name)
+    assert study._plan(tmp_path / "plan.yaml", None, None) == study._plan(None, name, None)
 
 
 def test_a_plan_becomes_a_page_and_the_same_command_resumes(plan, tmp_path, monkeypatch, capsys):
