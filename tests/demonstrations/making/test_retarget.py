@@ -94,5 +94,5 @@ def test_a_record_that_renames_an_object_is_refused_by_name(record):
     with pytest.raises(BetterError) as caught:
         demonstrated_source(lied)
     assert "\n" not in str(caught.value)
-    with pytest.raises(RecordError, match="objects are not those of its condition"):
+    with pytest.raises(RecordError, match="objects differ from those of its condition"):
         _require_objects(lied, [o.name for o in scene.objects])
