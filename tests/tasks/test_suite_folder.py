@@ -128,5 +128,6 @@ def test_commands_for_others_name_the_folder_without_its_place(suite):
         "print(options_by_name(tasks), options_by_name(['fast_food']))"
     )
     words = [sys.executable, "-c", code, str(suite)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    clean = {name: value for name, value in os.environ.items() if name != VARIABLE}  # of other tests
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
     assert done.stdout == f"('--task-file', '{suite.name}') ()\n", done.stderr
