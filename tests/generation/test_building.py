@@ -33,12 +33,12 @@ Fails = Callable[[Task, str], bool]
 def proven(fails: Fails, runs: list[str]) -> Callable[..., Proof]:
     """Makes a proof without a simulator, in which some conditions fail."""
 
-    def prove(task: Task, seeds: int, demonstrations: int, **_: object) -> Proof:
+    def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
         runs.append(task.id)
         names = [*(c.name for c in task.training), *(v.name for v in task.variations)]
         trials = tuple(certificate(task, name, seed, fails(task, name)) for name in names for seed in range(seeds))
         measured = Demonstrated(SUITE_VERSION, engine_version(), task.version, demonstrations, (), ())
-        return Proof(measured, demonstrations, trials)
+        return Proof(measured, trials)
 
     return prove
 
@@ -114,7 +114,7 @@ def test_other_slots_are_tried_when_training_fails(build) -> None:
 def test_more_demonstrations_are_measured_when_a_pose_is_outside_of_training(monkeypatch, tmp_path: Path) -> None:
     numbers: list[int] = []
 
-    def prove(task: Task, seeds: int, demonstrations: int, **_: object) -> Proof:
+    def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
         numbers.append(demonstrations)
         proof = proven(failing(), [])(task, seeds, demonstrations)
         outside = proof.trials[0].clauses | {"b": Clause(len(numbers) > 1, "released 12 mm above")}

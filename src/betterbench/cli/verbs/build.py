@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from betterbench.generation.scenario import Scenario
     from betterbench.jobs import JobProgress
 
-PAGE, CARDS, POWER = "suite.html", "cards", "power"
+PAGE, CARDS, POWER_RUNS = "suite.html", "cards", "power"
 
 
 def build_command(
@@ -165,18 +165,19 @@ def _measure_power(built: BuildReport, out: Path, trials: int, workers: int) -> 
     """Run the faulty rules on every variation of the suite, and write the matrix into its folder."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably
+    from betterbench.tasks.suite_folder import POWER
 
     tasks = [result.task_id for result in built.results if result.certified]
     planned = power_trials(tasks, rule_trials=trials, probes=False)
     with progress_bar("power", planned.total) as (bar, task):
         found = measure_power(
             planned,
-            out / POWER,
+            out / POWER_RUNS,
             workers=workers,
             on_progress=lambda progress: bar.update(task, completed=progress.done, note=progress.policy),
         )
     if built.suite is not None:
-        write_durably(built.suite / "power.json", found.to_text().encode())
+        write_durably(built.suite / POWER, found.to_text().encode())
     return found
 
 

@@ -7,7 +7,6 @@ demonstrations are measured, then its objects get other slots, then other assets
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from betterbench.errors import BetterError, one_line
@@ -81,7 +80,6 @@ def build_task(
     catalogue: Catalogue,
     *,
     settings: Settings,
-    on_step: Callable[[str], None] | None = None,
 ) -> Built:
     """Return a certified task for a scenario, or the reason for which every attempt failed."""
     attempts: list[Attempt] = []
@@ -109,7 +107,7 @@ def build_task(
             with provisional(task) as known:
                 task_to_json(known)  # a task that cannot be written is refused before the long examination
                 number = max(settings.demonstrations, len(known.training)) * change.demonstrations
-                proof = prove(known, settings.seeds, number, on_step=on_step)
+                proof = prove(known, settings.seeds, number)
         except BetterError as error:
             attempts.append(Attempt(change.words, one_line(str(error), most=600)))
             continue

@@ -27,7 +27,7 @@ from betterbench.generation.building.result import (
 )
 from betterbench.generation.scenario import Scenario
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
-from betterbench.json_form import SEAL, dump_json, open_seal, read_bounded, read_form, seal_of
+from betterbench.json_form import dump_json, open_seal, read_bounded, read_form, sealed_form
 from betterbench.sim.assets import categories
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
@@ -37,12 +37,12 @@ from betterbench.sim.assets.catalogue.sources.source import SourceOptions
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, require_suite_name, suite_files, task_names, task_to_json
 from betterbench.tasks.demonstrated import DemonstrationsFile
+from betterbench.tasks.suite_folder import CERTIFICATE, TASKS
 from betterbench.tasks.user_files import COMPANION_SUFFIX
 from betterbench.version import __version__
 
 CATALOGUE, RESULTS = "catalogue", "built"
 """Folders of a build: the catalogue that is searched, and one file for each finished scenario."""
-CERTIFICATE = "certificate.json"
 _MOST_BYTES = 64 << 20
 _LONGEST_ID = 40
 _CURE = "Remove the file, and run the same command again"
@@ -97,8 +97,7 @@ def build_suite(
     by_id = {item.task_id: item for item in items}
 
     def keep(result: Result) -> None:
-        form = json.loads(dump_json(asdict(result)))
-        content = dump_json({**form, SEAL: seal_of(form)}) + b"\n"
+        content = dump_json(sealed_form(json.loads(dump_json(asdict(result))))) + b"\n"
         write_durably(out / RESULTS / f"{result.task_id}.json", content)
         results[by_id[result.task_id]] = result
 
@@ -160,7 +159,7 @@ def _write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None
     for result in results:
         if result.demonstrated is not None:
             text = DemonstrationsFile({result.task_id: result.demonstrated}).to_text()
-            write_durably(folder / "tasks" / f"{result.task_id}{COMPANION_SUFFIX}", text.encode())
+            write_durably(folder / TASKS / f"{result.task_id}{COMPANION_SUFFIX}", text.encode())
     versions = {r.task_id: int((r.task or {})["version"]) for r in results}
     trials = tuple(trial for result in results for trial in result.trials)
     certificate = Certificate(

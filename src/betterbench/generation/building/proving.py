@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
 
 from betterbench.certification.certificate import CLAUSES, TrialCertificate
 from betterbench.certification.demonstrations import demonstrate, planned_demonstrations, summed_up
@@ -18,8 +17,6 @@ from betterbench.tasks.authoring.registry import registered_for_now
 from betterbench.tasks.demonstrated import Demonstrated, measured_so_far
 from betterbench.tasks.interventions import resolve_condition
 
-_FoundT = TypeVar("_FoundT")
-
 
 @dataclass(frozen=True, slots=True)
 class Proof:
@@ -27,12 +24,10 @@ class Proof:
 
     Attributes:
         demonstrated: Measurements of its demonstrations.
-        planned: Number of demonstrations that were run.
         trials: Certificates of its trials, in the order of the conditions.
     """
 
     demonstrated: Demonstrated
-    planned: int
     trials: tuple[TrialCertificate, ...]
 
     @property
@@ -65,7 +60,7 @@ def provisional(task: Task) -> Iterator[Task]:
             resolve_condition.cache_clear()
 
 
-def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str], None] | None = None) -> Proof:
+def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
     """Run the demonstrations of a task and examine its trials.
 
     If a training condition fails, the variations are not examined, because the task cannot be used. Conditions without
@@ -76,12 +71,11 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
         seeds: Trials of each variation, from seed 0. The trials are those of ``better eval --trials``: the training
             conditions together have as many as the variations.
         demonstrations: Number of demonstrations, at least one for each training condition.
-        on_step: Called with the name of each trial before it is run.
     """
     first, later = planned_demonstrations(task, demonstrations)
-    found = [_said(on_step, trial, demonstrate) for trial in first]
+    found = [demonstrate(trial) for trial in first]
     so_far = summed_up(task, found)
-    found += [_said(on_step, trial, lambda t: demonstrate(t, so_far)) for trial in later]
+    found += [demonstrate(trial, so_far) for trial in later]
     measured = summed_up(task, found)
     solved = {demonstration.condition for demonstration in found if not demonstration.problem}
     planned = [TrialId(t.task, t.condition, t.seed) for t in make_plan("expert", tasks=[task.id], trials=seeds).trials]
@@ -93,16 +87,10 @@ def prove(task: Task, seeds: int, demonstrations: int, *, on_step: Callable[[str
         for trials in (unsolved, training, variations):
             for trial in trials:
                 if trial not in certificates:
-                    certificates[trial] = _said(on_step, trial, examine)
+                    certificates[trial] = examine(trial)
             if not all(certificate.passed for certificate in certificates.values()):
                 break
-    return Proof(measured, demonstrations, tuple(certificates.values()))
-
-
-def _said(on_step: Callable[[str], None] | None, trial: TrialId, work: Callable[[TrialId], _FoundT]) -> _FoundT:
-    if on_step is not None:
-        on_step(f"{trial.condition} seed {trial.seed}")
-    return work(trial)
+    return Proof(measured, tuple(certificates.values()))
 
 
 def without(task: Task, names: Sequence[str]) -> Task:
