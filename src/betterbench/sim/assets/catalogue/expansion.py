@@ -23,7 +23,7 @@ type piece sort model 3d put holding containing contains asset mesh like as has 
 _SAYS_LITTLE = frozenset(_LITTLE.split())
 """Query words that are ignored."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
-_AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
+AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
 _COUNTED = """
 bar bunch bowl bottle box carton can cup glass jar leaf loaf pack packet pair piece pile plate roll set slice sheet
@@ -61,12 +61,16 @@ class Query:
         text: The original query.
         concepts: Concepts for the search by words.
         readings: Sentences for the search by meaning; the first is the query.
+        asked: The query and the expander's descriptions, which are compared with the descriptions of kinds.
+        head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
         colors: Colors that the query names.
     """
 
     text: str
     concepts: tuple[Concept, ...]
     readings: tuple[str, ...]
+    asked: tuple[str, ...]
+    head: str
     colors: tuple[str, ...]
 
 
@@ -123,10 +127,22 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         elif means and at <= head < at + length:
             readings += [" ".join(other) for other, weight in means[:3] if weight >= _SYNONYM]
         at += length
-    if expander is not None:
-        readings += [" ".join(said.split())[:400] for said in expander(text)]
+    further = [] if expander is None else [" ".join(said.split())[:400] for said in expander(text)]
     colors = tuple(word for word in words if word in COLORS)
-    return Query(text, tuple(concepts), tuple(dict.fromkeys(readings)), colors)
+    asked = tuple(dict.fromkeys([text, *further]))
+    return Query(text, tuple(concepts), tuple(dict.fromkeys([*readings, *further])), asked, _head_part(text), colors)
+
+
+def _head_part(text: str) -> str:
+    """Return the text before the first use or attribute of the object, which "of" does not begin: "a slice of cheese"."""
+    words = text.split()
+    named = False
+    for place, word in enumerate(words):
+        said = terms(word)
+        if named and word.lower() in AFTER_THE_HEAD and word.lower() != "of":
+            return " ".join(words[:place])
+        named = named or any(one not in _SAYS_LITTLE for one in said)
+    return text
 
 
 def _is_phrase(
@@ -142,7 +158,7 @@ def _head(words: Sequence[str]) -> int:
     """Return the index of the noun that names the object, -1 if there is none."""
     head = -1
     for place, word in enumerate(words):
-        if word in _AFTER_THE_HEAD and head >= 0:
+        if word in AFTER_THE_HEAD and head >= 0:
             if word == "of" and words[head] in _MEASURES:
                 continue
             break

@@ -18,6 +18,8 @@ from betterbench.jobs.lock import LOCK_NAME, RunLock
 from betterbench.jobs.places import open_in_place
 from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+from betterbench.sim.assets.catalogue.kind_vectors import KindIndex, write_kinds
+from betterbench.sim.assets.catalogue.kinds import kind_of, listed_kinds
 from betterbench.sim.assets.catalogue.sources.source import AssetSource
 from betterbench.sim.assets.catalogue.store import FILE, Store
 from betterbench.sim.assets.catalogue.vectors import FILES, VectorIndex, columns_of, quantized, write_vectors
@@ -50,7 +52,7 @@ class IndexReport:
         updated: Rows whose asset had changed.
         kept: Unchanged rows.
         removed: Rows whose asset is gone.
-        encoded: Texts that were encoded.
+        encoded: Texts of assets that were encoded.
         skipped: Number of assets that could not be read.
         named: The first skipped assets, with the reason.
         total: Rows of the catalogue.
@@ -164,6 +166,10 @@ class _Vectors:
         for place, digest in enumerate(np.asarray(index.digests)):
             self._places.setdefault(digest.tobytes(), (-1, place))
 
+    def take_table(self, lines: np.ndarray) -> None:
+        """Add vectors given with their digest and scale, (n,) structured."""
+        self._take(lines)
+
     def open_journal(self) -> None:
         """Load the vectors of a killed job, without an unfinished last entry."""
         self._handle = open_in_place(self._path)
@@ -232,7 +238,9 @@ def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _
         return known
     if store.fact("encoder") == encoder.name and store.fact("sealed") in ("vectors", ""):
         with contextlib.suppress(RecordError):  # missing or damaged: computed again
-            known.take_index(VectorIndex(folder, count=int(store.fact("rows") or 0), dimension=encoder.dimension))
+            form = {"count": int(store.fact("rows") or 0), "dimension": encoder.dimension}
+            known.take_index(VectorIndex(folder, **form))
+            known.take_table(KindIndex(folder, **form).table)
     if store.fact("journal") != encoder.name:
         (folder / JOURNAL).unlink(missing_ok=True)
         store.note(journal=encoder.name)
@@ -270,13 +278,15 @@ def _all_rows(store: Store) -> Iterator[tuple[int, int, CatalogueEntry]]:
 
 def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> None:
     """Write the vectors of all rows in their order, with the columns for filters."""
-    values, digests = [], []
+    values, digests, kinds = [], [], []
     for row, source, entry in _all_rows(store):
         kind = LICENSE_KINDS.index(license_kind(entry.license))
         size = entry.largest_m
         faces = -1 if entry.faces is None else min(entry.faces, 2**31 - 1)
         values.append((row, kind, source, faces, float("nan") if size is None else size))
         digests.append(_digest(entry.text))
+        kinds.append(kind_of(entry))
+    _seal_kinds(folder, known, encoder, kinds)
 
     def blocks() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         for start in range(0, len(digests), 4096):
@@ -284,6 +294,20 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
             yield *known.of(part), np.frombuffer(b"".join(part), np.uint8).reshape(-1, 16)
 
     write_vectors(folder, columns_of(values), blocks(), encoder.dimension)
+
+
+def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Sequence[int]) -> None:
+    """Write the kinds of all rows, and the vectors of their texts, which are computed if they are not known."""
+    listed = listed_kinds()
+    texts = [(kind, text) for kind in sorted(set(rows) - {-1}) for text in listed[kind].texts]
+    digests = [_digest(text) for _, text in texts]
+    new = {digest: text for digest, (_, text) in zip(digests, texts, strict=True) if digest not in known}
+    for start in range(0, len(new), _BATCH):
+        part = list(new)[start : start + _BATCH]
+        known.add(part, encoder.encode([new[digest] for digest in part]))
+    vectors, scales = known.of(digests)
+    marks = np.frombuffer(b"".join(digests), np.uint8).reshape(-1, 16)
+    write_kinds(folder, rows, [kind for kind, _ in texts], marks, vectors, scales)
 
 
 def vector_files(folder: Path) -> tuple[Path, ...]:

@@ -1,9 +1,9 @@
-"""Search of a catalogue by words, meaning and filters, fused by reciprocal rank."""
+"""Search of a catalogue by words, meaning and filters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +16,7 @@ from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
+from betterbench.sim.assets.catalogue.kind_vectors import KindIndex
 from betterbench.sim.assets.catalogue.store import Store
 from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
@@ -25,8 +26,13 @@ LONGEST_QUERY = 1_000
 DEPTH = 60
 """Number of rows that each search passes to the fusion."""
 _RANK = 8.0
-"""Constant of the reciprocal rank 1 / (constant + rank); small, because a catalogue has few good answers to a query."""
-_WORDS_SHARE, _MEANING_SHARE = 1.0, 1.0
+"""Constant of the reciprocal rank (constant + 1) / (constant + rank) of a row by words."""
+_BEST_KINDS = 3
+"""Number of kinds whose rows are searched, those that the query is most alike."""
+_KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
+"""Weights of the likeness with the kind, of the cosine with the row's own text, and of the words."""
+_UNRELATED = 0.2
+"""Weighted sum of a row that has little to do with a query; it has the score 0."""
 _COSTLY = 5_000
 """Limit of matching rows for ranking; beyond it, frequent words are only counted in the rows that rarer words match."""
 _FETCHED = 200
@@ -73,9 +79,10 @@ class Hit:
 
     Attributes:
         entry: Row of the catalogue.
-        score: Fused score in (0, 1]; 1 for an asset that contains every word and is first by words and by meaning.
+        score: Score in [0, 1] from words and meaning; 1 for an asset that contains every word, is first by words, and
+            whose kind and text equal the query.
         word_rank: Rank by words from 1, None if no word matched.
-        meaning_rank: Rank by meaning from 1, None if meaning was not searched or the rank is too low.
+        meaning_rank: Rank by meaning from 1, None if meaning was not searched.
         cosine: Cosine between the vectors of the asset and the query.
     """
 
@@ -113,13 +120,15 @@ class Catalogue:
         self._open_encoder = encoder
         self._encoder: TextEncoder | None = None
         self._index: VectorIndex | None = None
+        self._kinds: KindIndex | None = None
         try:
             sealed = _sealed(self._store, folder)
             self.encoder_name = self._store.fact("encoder")
             self.count = self._store.count()
             self._numbers = {name: number for name, (number, _) in self._store.sources().items()}
             if sealed == "vectors" and encoder is not None:
-                self._index = VectorIndex(folder, count=self.count, dimension=_dimension(self._store))
+                form = {"count": self.count, "dimension": _dimension(self._store)}
+                self._index, self._kinds = VectorIndex(folder, **form), KindIndex(folder, **form)
         except BaseException:
             self._store.__exit__()
             raise
@@ -209,27 +218,25 @@ class Catalogue:
         asked = understood(query, expander=expander)
         depth = max(DEPTH, limit)
         by_words = self._by_words(asked, admitted, depth) if words else []
-        by_meaning = self._by_meaning(asked, admitted, depth) if meaning and self._index is not None else []
-        return self._fused(by_words, by_meaning, limit)
+        if not meaning or self._index is None:
+            return self._hits(_word_scores(by_words), {}, by_words, limit)
+        by_meaning = self._by_meaning(asked, admitted, depth, [row for row, _ in by_words])
+        return self._hits(_fused(by_words, by_meaning), by_meaning, by_words, limit)
 
-    def _fused(self, by_words: list[tuple[int, float]], by_meaning: list[tuple[int, float]], limit: int) -> list[Hit]:
-        word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
-        covered = dict(by_words)
-        meaning_ranks = {row: rank for rank, (row, _) in enumerate(by_meaning, start=1)}
-        cosines = dict(by_meaning)
-        shares = (_WORDS_SHARE if by_words else 0.0, _MEANING_SHARE if by_meaning else 0.0)
-        best = sum(shares) / (_RANK + 1.0)
-
-        def score(row: int) -> float:
-            # A row with only some words of the query has less weight, even if few rows contain more words.
-            words = shares[0] * covered[row] ** _PARTIAL / (_RANK + word_ranks[row]) if row in word_ranks else 0.0
-            meaning = shares[1] / (_RANK + meaning_ranks[row]) if row in meaning_ranks else 0.0
-            return (words + meaning) / best
-
-        ordered = sorted({*word_ranks, *meaning_ranks}, key=lambda row: (-score(row), row))[:limit]
+    def _hits(
+        self,
+        scores: Mapping[int, float],
+        by_meaning: Mapping[int, _Near],
+        by_words: Sequence[tuple[int, float]],
+        limit: int,
+    ) -> list[Hit]:
+        """Return the rows with the best scores, best first; of equal rows the first."""
+        ordered = sorted(scores, key=lambda row: (-scores[row], row))[:limit]
         entries = self._store.rows(ordered)
+        word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
+        near = {row: (rank, by_meaning[row].cosine) for rank, row in enumerate(by_meaning, start=1)}
         return [
-            Hit(entries[row], score(row), word_ranks.get(row), meaning_ranks.get(row), cosines.get(row))
+            Hit(entries[row], scores[row], word_ranks.get(row), *near.get(row, (None, None)))
             for row in ordered
             if row in entries
         ]
@@ -257,16 +264,37 @@ class Catalogue:
 
     # ------------------------------------------------------------------------------------------------------ meaning
 
-    def _by_meaning(self, query: Query, filters: Filters, depth: int) -> list[tuple[int, float]]:
-        """Return the rows nearest in meaning with their cosines, best first."""
-        index = self._index
-        if index is None or self._open_encoder is None:
-            return []
+    def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Sequence[int]) -> dict[int, _Near]:
+        """Return how near the rows are in meaning, nearest first: those nearest, those of the best kinds, and others.
+
+        Args:
+            query: The query.
+            filters: Filters of the search.
+            depth: Number of rows nearest by their own text, and of rows of each of the best kinds.
+            also: Numbers of other rows, which pass the filters.
+        """
+        if self._index is None or self._kinds is None or self._open_encoder is None:
+            return {}
         if self._encoder is None:
             self._encoder = self._open_encoder(self.encoder_name)
-        vectors = self._encoder.encode(query.readings)
-        places, cosines = index.nearest(vectors, self._mask(index, filters), depth)
-        return list(zip(index.columns.rows[places].tolist(), cosines.tolist(), strict=True))
+        index, kinds = self._index, self._kinds
+        *vectors, head = self._encoder.encode([*query.readings, query.head])
+        readings = np.array(vectors)
+        asked = readings[[query.readings.index(text) for text in query.asked]]
+        likeness = kinds.likeness(asked, head)
+        mask = self._mask(index, filters)
+        found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, also)]
+        for kind in np.argsort(-likeness, kind="stable")[:_BEST_KINDS].tolist():
+            found.append(index.nearest(asked, mask, depth, among=kinds.places(kind))[0])
+        places = np.unique(np.concatenate(found).astype(np.int64))
+        cosines = index.cosines(readings, places)
+        own = kinds.rows[places]
+        # The name of an object is like a short description: a row without a kind is compared by its own text.
+        near = np.where(own >= 0, likeness[own], cosines) if len(likeness) else cosines
+        order = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
+        return {
+            int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()
+        }
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
         """Return which rows pass the filters, (n,) bool, or None for all."""
@@ -282,6 +310,36 @@ class Catalogue:
         if filters.min_size_m is not None:
             parts.append(columns.sizes >= filters.min_size_m)
         return np.logical_and.reduce(parts) if parts else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Near:
+    """Nearness of a row to a query: likeness of its kind, and cosine of its own text, both in [-1, 1]."""
+
+    kind: float
+    cosine: float
+
+
+def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
+    """Return a score in (0, 1] for each row, from its rank by words and its share of the query.
+
+    A row with only some words of the query has less weight, even if few rows contain more words.
+    """
+    return {
+        row: (_RANK + 1.0) * share**_PARTIAL / (_RANK + rank) for rank, (row, share) in enumerate(by_words, start=1)
+    }
+
+
+def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
+    """Return a score in [0, 1] for each row, from meaning and words."""
+    words = _word_scores(by_words)
+    largest = _KIND_SHARE + _OWN_SHARE + _WORDS_SHARE
+
+    def score(row: int, near: _Near) -> float:
+        total = _KIND_SHARE * near.kind + _OWN_SHARE * near.cosine + _WORDS_SHARE * words.get(row, 0.0)
+        return min(1.0, max(0.0, (total - _UNRELATED) / (largest - _UNRELATED)))
+
+    return {row: score(row, near) for row, near in by_meaning.items()}
 
 
 def _sealed(store: Store, folder: Path) -> str:

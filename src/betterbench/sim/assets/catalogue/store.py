@@ -16,7 +16,7 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.terms import terms
 
 FILE = "catalogue.sqlite"
-VERSION = 2
+VERSION = 3
 """Version of the tables; a catalogue of another version must be indexed again."""
 _APPLICATION = 0x62657474
 """Application id for a catalogue's SQLite files: "bett"."""

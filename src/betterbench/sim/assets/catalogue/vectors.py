@@ -155,7 +155,13 @@ class VectorIndex:
         return self._vectors[start:stop], self._scales[start:stop]
 
     def nearest(
-        self, queries: np.ndarray, allowed: np.ndarray | None, limit: int, *, exact: bool = False
+        self,
+        queries: np.ndarray,
+        allowed: np.ndarray | None,
+        limit: int,
+        *,
+        among: np.ndarray | None = None,
+        exact: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the indices of the rows nearest to any of the unit vectors, and their cosines, best first.
 
@@ -163,14 +169,19 @@ class VectorIndex:
             queries: Vectors (m, dimension) float32.
             allowed: Rows that pass a filter, (n,) bool; None for all.
             limit: Largest number of rows to return.
+            among: Indices of the rows to search, ascending; None for all.
             exact: Compare every vector, for any number of rows.
         """
-        if exact or self.count <= EXACT_ROWS:
+        if among is not None:
+            passing = among if allowed is None else among[allowed[among]]
+            few = exact or len(passing) <= max(RERANKED, limit)
+            places = passing if few else self._candidates_among(queries, passing, max(RERANKED, limit))
+        elif exact or self.count <= EXACT_ROWS:
             places = np.arange(self.count) if allowed is None else np.flatnonzero(allowed)
         else:
             found = [self._candidates(query, allowed, max(RERANKED, limit)) for query in queries]
             places = np.unique(np.concatenate(found))
-        cosines = np.concatenate([self._cosines(queries, part) for part in _parts(places)] or [np.zeros(0, np.float32)])
+        cosines = self.cosines(queries, places)
         if len(places) > limit:
             kept = np.argpartition(-cosines, limit - 1)
             least = cosines[kept[limit - 1]]
@@ -179,8 +190,11 @@ class VectorIndex:
         order = np.lexsort((places, -cosines))[:limit]
         return places[order], cosines[order]
 
+    def cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return the largest cosine of each row (by index) with any of the unit vectors (m, dimension)."""
+        return np.concatenate([self._cosines(queries, part) for part in _parts(places)] or [np.zeros(0, np.float32)])
+
     def _cosines(self, queries: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return each row's largest cosine with any of the vectors."""
         near = (self._vectors[places].astype(np.float32) @ queries.T).max(axis=1)
         return np.asarray(near * self._scales[places])
 
@@ -204,6 +218,15 @@ class VectorIndex:
         counts = np.bincount(np.minimum(differing, 64 * len(sketch) + 1), minlength=64 * len(sketch) + 2)[:-1]
         reached = int(np.searchsorted(np.cumsum(counts), wanted))
         return np.flatnonzero(differing <= min(reached, len(counts) - 1))
+
+    def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
+        """Return the requested number of indices, or more, whose sketches differ least from that of any vector."""
+        sketches = self._sketches[:, places]
+        differing = np.full(len(places), 65535, np.uint16)
+        for sketch in _sketches(queries, self._center).T:
+            total = np.bitwise_count(sketches ^ sketch[:, None]).sum(axis=0, dtype=np.uint16)
+            np.minimum(differing, total, out=differing)
+        return places[differing <= np.partition(differing, wanted - 1)[wanted - 1]]
 
     def _pool(self) -> ThreadPoolExecutor:
         with self._starting:

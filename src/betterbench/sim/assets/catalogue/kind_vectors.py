@@ -1,0 +1,114 @@
+"""Kinds of the rows of a catalogue, and vectors of the descriptions of these kinds."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import RecordError
+from betterbench.jobs.durable import DurableFile
+
+HEAD_SHARE = 0.2
+"""Share of the head of a query in its likeness with a kind; the rest is that of the whole query."""
+_COUNTED = 2
+"""Number of texts of a kind that count, those nearest to the query: their mean cosine was better than the largest one."""
+_ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
+
+
+def _line(dimension: int) -> np.dtype:
+    return np.dtype([("digest", "u1", 16), ("kind", "<i2"), ("scale", "<f4"), ("vector", "i1", dimension)])
+
+
+def write_kinds(
+    folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: np.ndarray, scales: np.ndarray
+) -> None:
+    """Write the kinds of a catalogue.
+
+    Args:
+        folder: Catalogue folder.
+        rows: Number of each row's kind, -1 for none, in row order.
+        kinds: Number of the kind of each text, (m,).
+        digests: Digests of the texts, (m, 16) uint8.
+        vectors: Vectors of the texts, (m, dimension) int8.
+        scales: Scales of the vectors, (m,) float32.
+    """
+    table = np.zeros(len(kinds), _line(vectors.shape[1]))
+    table["digest"], table["kind"], table["scale"], table["vector"] = digests, kinds, scales, vectors
+    for name, array in ((_ROWS, np.asarray(rows, np.int16)), (_TEXTS, table)):
+        with DurableFile(folder / name) as out:
+            np.save(out.file, array, allow_pickle=False)
+            out.finish()
+
+
+class KindIndex:
+    """The kinds of a catalogue's rows, open for searching.
+
+    Attributes:
+        rows: Number of each row's kind, -1 for none, (n,) int16.
+        table: Digest, kind, scale and vector of each text, (m,).
+
+    Raises:
+        RecordError: If a file is missing, damaged or does not belong to the catalogue.
+    """
+
+    def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
+        self.rows = _load(folder / _ROWS)
+        self.table = _load(folder / _TEXTS)
+        for array, kind, name in ((self.rows, np.dtype("<i2"), _ROWS), (self.table, _line(dimension), _TEXTS)):
+            if array.dtype != kind or array.ndim != 1:
+                raise _damaged(folder / name, f"does not hold a list of the type {kind}")
+        if len(self.rows) != count:
+            raise _damaged(folder / _ROWS, f"has {len(self.rows)} rows, and the catalogue has {count}")
+        listed = np.unique(self.table["kind"])
+        if not np.isin(np.unique(self.rows), [-1, *listed]).all() or (listed < 0).any():
+            raise _damaged(folder / _ROWS, "names kinds without texts")
+        order = np.argsort(self.table["kind"], kind="stable")
+        self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
+        self._kinds, self._starts = np.unique(self.table["kind"][order], return_index=True)
+        self._size = int(listed[-1]) + 1 if len(listed) else 0
+
+    def likeness(self, asked: np.ndarray, head: np.ndarray) -> np.ndarray:
+        """Return how alike a query and each kind are, (kinds,) float32 in [-1, 1]; -1 for a kind without rows.
+
+        Args:
+            asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest one counts.
+            head: Unit vector of the head of the query, (dimension,).
+        """
+        found = np.full(self._size, -1.0, np.float32)
+        if len(self._kinds):
+            best = np.max([self._nearest(vector) for vector in asked], axis=0)
+            found[self._kinds] = (1.0 - HEAD_SHARE) * best + HEAD_SHARE * self._nearest(head)
+        return found
+
+    def _nearest(self, vector: np.ndarray) -> np.ndarray:
+        """Return the mean cosine of the nearest texts of each kind."""
+        parts = np.split(self._vectors @ vector, self._starts[1:])
+        return np.array([np.sort(part)[-_COUNTED:].mean() for part in parts], np.float32)
+
+    def places(self, kind: int) -> np.ndarray:
+        """Return the indices of the rows of a kind, ascending."""
+        order, starts = self._order
+        return order[starts[kind + 1] : starts[kind + 2]]
+
+    @functools.cached_property
+    def _order(self) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the rows, by kind, and where each kind begins; kind -1 is the first."""
+        order = np.argsort(self.rows, kind="stable")
+        return order, np.searchsorted(self.rows[order], np.arange(-1, self._size + 1))
+
+
+def _load(path: Path) -> np.ndarray:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise _damaged(path, f"cannot be read ({error})") from error
+    if not isinstance(array, np.ndarray):
+        raise _damaged(path, "is not an array")
+    return array
+
+
+def _damaged(path: Path, problem: str) -> RecordError:
+    return RecordError(f"{path}: {problem}. Remove the folder and index the sources again.")
