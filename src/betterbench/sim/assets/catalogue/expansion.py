@@ -17,11 +17,16 @@ COLORS = frozenset(_COLOR_WORDS.split())
 
 _LITTLE = """
 a an the of for with without to in on at and or some any is are it its that this from by into my your our i me we you
-one two three few which who what can be used use something object thing item want need find get show please made kind
+one two three few which who what be used use something object thing item want need find get show please made kind
 type piece sort model 3d put holding containing contains asset mesh like as has have place tool
 """
 _SAYS_LITTLE = frozenset(_LITTLE.split())
 """Query words that are ignored."""
+_BEFORE_THE_VERB = """
+anything everything he how i it nothing one she something that they thing things this we what which who you
+"""
+_ASKS = frozenset(_BEFORE_THE_VERB.split())
+"""Words before or, with "be", after "can" that make it a verb: "that can hold", "what can I use"."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
@@ -103,12 +108,9 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 def understood(text: str, *, expander: Expander | None = None) -> Query:
     """Return a query with its concepts; an expander adds further readings."""
-    words = terms(text)
+    words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)
-    only_can = head < 0 and words[-1:] == ["can"]  # "a red can": elsewhere "can" is mostly a verb
-    if only_can:
-        head = len(words) - 1
     concepts: list[Concept] = []
     readings = [text]
     at = 0
@@ -116,7 +118,7 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if _is_phrase(words, at, n, known)), 1)
         phrase = tuple(words[at : at + length])
         means = known.get(phrase, ())
-        if means or phrase[0] not in _SAYS_LITTLE or (only_can and at == head):
+        if means or phrase[0] not in _SAYS_LITTLE:
             own = tuple(word for word in phrase if word not in _SAYS_LITTLE)
             first = (((own or phrase), 1.0),)
             concepts.append(Concept(_weight(phrase, at, length, head), (*first, *means)))
@@ -131,6 +133,15 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
     colors = tuple(word for word in words if word in COLORS)
     asked = tuple(dict.fromkeys([text, *further]))
     return Query(text, tuple(concepts), tuple(dict.fromkeys([*readings, *further])), asked, _head_part(text), colors)
+
+
+def _without_verb(words: Sequence[str]) -> list[str]:
+    """Return words without the verb "can": the noun stays in "a trash can"."""
+    kept = []
+    for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
+        if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
+            kept.append(word)
+    return kept
 
 
 def _head_part(text: str) -> str:
