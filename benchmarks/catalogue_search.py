@@ -23,6 +23,7 @@ from betterbench.errors import MissingDependencyError
 from betterbench.sim.assets.catalogue.encoders import open_encoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.indexing import index_sources
+from betterbench.sim.assets.catalogue.kinds import listed_kinds
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters
 from betterbench.sim.assets.catalogue.sources import SourceItem
 from figures import Figure
@@ -32,6 +33,8 @@ QUERIES = 60
 _TOPICS = 2_000
 _LICENSES = ("CC-BY-4.0", "CC-BY-4.0", "CC-BY-4.0", "CC-BY-NC-4.0", "CC0-1.0", "")
 _FILTERS = Filters(max_faces=80_000)
+_KINDLESS = 0.5
+"""Share of the rows, and of the queries, that name no kind of object."""
 _SPREAD = 0.6
 """Distance of a vector from the center of its topic, relative to that center."""
 
@@ -76,20 +79,36 @@ class SyntheticSource:
     def items(self, *, on_skip: Callable[[str, str], None]) -> Iterator[SourceItem]:
         """Yield the rows."""
         del on_skip
-        rng = np.random.default_rng(3)
+        rng, kinds = np.random.default_rng(3), _KindNames(5)
         for start in range(0, self.count, 4096):
             words = np.minimum(rng.zipf(1.25, size=(4096, 10)), 60_000)
             topics, faces = rng.integers(_TOPICS, size=4096), rng.integers(100, 120_000, size=4096)
             for i in range(min(4096, self.count - start)):
-                entry = _entry(start + i, int(topics[i]), [_word(int(n)) for n in words[i]], int(faces[i]))
+                said = [_word(int(n)) for n in words[i]]
+                entry = _entry(start + i, int(topics[i]), said, int(faces[i]), kinds.draw())
                 yield SourceItem(entry.id, "1", lambda entry=entry: entry)
 
 
-def _entry(number: int, topic: int, words: Sequence[str], faces: int) -> CatalogueEntry:
+class _KindNames:
+    """Names of listed kinds, the first of which are the most frequent: the k-th in proportion to 1 / (k + 5)."""
+
+    def __init__(self, seed: int) -> None:
+        self._names = [kind.names[0] for kind in listed_kinds()]
+        weights = 1.0 / (np.arange(len(self._names)) + 6.0)
+        self._shares = np.cumsum(weights / weights.sum())
+        self._rng = np.random.default_rng(seed)
+
+    def draw(self) -> str:
+        """Return a name with a leading blank, or nothing."""
+        kindless, place = self._rng.random(2)
+        return "" if kindless < _KINDLESS else f" {self._names[int(np.searchsorted(self._shares, place))]}"
+
+
+def _entry(number: int, topic: int, words: Sequence[str], faces: int, kind: str) -> CatalogueEntry:
     return CatalogueEntry(
         id=f"synthetic/{number}",
         source="synthetic",
-        name=f"{words[0]} {_word(topic)}",
+        name=f"{words[0]} {_word(topic)}{kind}",
         description=" ".join(words[1:8]) + f" {number}",
         tags=tuple(words[8:]),
         faces=faces,
@@ -153,10 +172,10 @@ def measure(folder: Path, queries: int) -> dict[str, object]:
     times: dict[str, list[float]] = {"both": [], "words": [], "vectors": [], "exact": []}
     shared: list[float] = []
     with Catalogue(folder, encoder=lambda _: encoder) as catalogue:
-        asked = []
+        asked, kinds = [], _KindNames(13)
         for _ in range(queries + 3):
             words = [_word(int(n)) for n in np.minimum(rng.zipf(1.25, size=3), 60_000)]
-            asked.append(f"{words[0]} {_word(int(rng.integers(_TOPICS)))} {words[1]} {words[2]}")
+            asked.append(f"{words[0]} {_word(int(rng.integers(_TOPICS)))} {words[1]} {words[2]}{kinds.draw()}")
         ways = {"both": (True, True), "words": (True, False), "vectors": (False, True)}
         for number, query in enumerate(asked):
             for name, (words, meaning) in ways.items():
