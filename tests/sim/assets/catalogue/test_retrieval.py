@@ -1,4 +1,4 @@
-"""Labeled queries over the procedural library and 122 mesh files: the half that tuned the word list does not test it.
+"""Labeled queries over the procedural library and 122 mesh files: the half that tuned the search does not test it.
 
 The files are stand-ins of the same names, because a catalogue knows of a mesh what its name says.
 """
@@ -22,6 +22,8 @@ pytestmark = pytest.mark.slow
 DATA = Path(__file__).parent / "data"
 NEW_QUERIES = json.loads((DATA / "new_queries.json").read_text(encoding="utf-8"))
 """Queries by an author who had not seen the word list, halved by a seed."""
+HELD_OUT = json.loads((DATA / "held_out_queries.json").read_text(encoding="utf-8"))
+"""Queries written before the errors of the search were looked at; nothing may be tuned on them."""
 QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
 MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
 GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
@@ -37,8 +39,12 @@ def test_the_labels_are_enough_and_split(queries):
     assert min(halves.count("tune"), halves.count("test")) >= 100
 
 
-def test_the_new_queries_are_not_the_first_ones():
-    assert not {row["query"].lower() for row in QUERIES} & {row["query"].lower() for row in NEW_QUERIES}
+def test_the_sets_share_no_query():
+    every = [row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT)]
+    assert len(HELD_OUT) == 120
+    assert len(set(every)) == len(every)
+    labels = {name for row in MESHES for name in row["categories"]} | {n for names in GENERATED.values() for n in names}
+    assert {name for row in HELD_OUT for name in row["categories"]} <= labels
 
 
 @pytest.fixture(scope="module", params=["words", "meaning"])
@@ -81,15 +87,22 @@ def shares(catalogue, asked):
 
 def test_the_half_that_did_not_tune_is_answered(catalogue):
     first, fifth = shares(catalogue, [row for row in QUERIES if row["half"] == "test"])
-    assert first >= (0.95 if catalogue.has_vectors else 0.94)
-    assert fifth >= 0.95
+    assert first >= (0.97 if catalogue.has_vectors else 0.94)
+    assert fifth >= (0.98 if catalogue.has_vectors else 0.95)
 
 
 def test_queries_of_another_author_are_answered(catalogue):
-    """The goal for the first answer is 0.95, which is not reached; docs/asset-catalogue.md has the numbers."""
+    """Precision@1 was 0.907 before rows had kinds with descriptions; the goal is 0.95."""
     first, fifth = shares(catalogue, [row for row in NEW_QUERIES if row["half"] == "test"])
-    assert first >= (0.89 if catalogue.has_vectors else 0.77)
-    assert fifth >= (0.95 if catalogue.has_vectors else 0.83)
+    assert first >= (0.95 if catalogue.has_vectors else 0.77)
+    assert fifth >= (0.98 if catalogue.has_vectors else 0.83)
+
+
+def test_queries_that_tuned_nothing_are_answered(catalogue):
+    """The goal for the first answer is 0.95, which is missed by one query; docs/asset-catalogue.md has the numbers."""
+    first, fifth = shares(catalogue, HELD_OUT)
+    assert first >= (0.94 if catalogue.has_vectors else 0.70)
+    assert fifth >= (0.98 if catalogue.has_vectors else 0.77)
 
 
 @pytest.mark.parametrize(
