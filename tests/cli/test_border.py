@@ -14,7 +14,7 @@ from tests.looping import each
 
 from betterbench.cli import console
 from betterbench.cli.border import LIMITS, guarded
-from betterbench.cli.main import VERBS, Telling, main
+from betterbench.cli.main import Telling, every_command, main
 
 
 def numbers(function):
@@ -26,9 +26,9 @@ def numbers(function):
             yield name
 
 
-@each("verb", VERBS)
+@each("verb", every_command())
 def test_every_number_of_every_verb_has_bounds(verb):
-    missing = set(numbers(VERBS[verb].load(Telling()))) - LIMITS.keys() - {"port"}
+    missing = set(numbers(every_command()[verb].load(Telling()))) - LIMITS.keys() - {"port"}
     assert not missing
 
 

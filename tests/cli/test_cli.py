@@ -13,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from betterbench.cli.main import VERBS, main
+from betterbench.cli.main import every_command, main
 from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
 from betterbench.sim.worlds.installation import Installation
@@ -60,18 +60,41 @@ def small_run(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", every_command())
 def test_every_verb_has_help_with_an_example(capsys, verb):
-    status, out, _ = run(capsys, verb, "--help")
+    status, out, _ = run(capsys, *verb.split(), "--help")
     assert status == 0
     assert f"better {verb}" in out
     assert "Example" in out
 
 
-@pytest.mark.parametrize("verb", VERBS)
+def test_a_command_of_a_verb_has_its_own_options_only(capsys):
+    _, imported, _ = run(capsys, "assets", "import", "--help")
+    _, searched, _ = run(capsys, "assets", "search", "--help")
+    assert "--mass-kg" in imported
+    assert "--limit" not in imported
+    assert "--limit" in searched
+    assert "--mass-kg" not in searched
+    status, _, err = run(capsys, "assets", "serch", "mug")
+    assert status == 2
+    assert "Unknown command of better assets 'serch'. Did you mean 'search'" in err
+
+
+def test_options_may_precede_the_command_of_a_verb(capsys, tmp_path):
+    folder = str(tmp_path / "none")
+    before, after = (
+        run(capsys, "assets", *words)
+        for words in (["--catalogue", folder, "search", "mug"], ["search", "mug", "--catalogue", folder])
+    )
+    assert before == after
+    assert before[0] == 2
+    assert "has no catalogue of assets" in before[2]
+
+
+@pytest.mark.parametrize("verb", every_command())
 def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb):
     monkeypatch.setenv("COLUMNS", "80")
-    _, out, _ = run(capsys, verb, "--help")
+    _, out, _ = run(capsys, *verb.split(), "--help")
     assert max(map(len, out.splitlines())) <= 80
     assert "None" not in out
     assert "(default: )" not in out

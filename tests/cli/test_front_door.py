@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from betterbench.cli.main import VERBS
+from betterbench.cli.main import VERBS, every_command
 
 HEAVY = {
     *(
@@ -73,7 +73,7 @@ def modules_after(*statements):
     return done.stdout.splitlines(), found
 
 
-HELP = [["--help"], *([verb, "--help"] for verb in VERBS)]
+HELP = [["--help"], *([*verb.split(), "--help"] for verb in every_command())]
 LISTS = ["suites", "tasks", "variations", "policies", "assets", "templates"]
 
 

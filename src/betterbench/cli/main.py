@@ -8,9 +8,9 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_type_hints
 
@@ -59,6 +59,8 @@ class Verb:
         takes_suite: Whether it accepts ``--suite`` beside its own options. Without ``--tasks``, it then works on the
             tasks of the suite.
         takes_run_file: Whether its options may be given in a run file.
+        commands: Commands of a verb that has several ("import" of ``better assets import``), each with its own options;
+            the function of the verb then only has their overview as its help.
     """
 
     function: str
@@ -66,6 +68,7 @@ class Verb:
     takes_tasks: bool = True
     takes_run_file: bool = False
     takes_suite: bool = False
+    commands: Mapping[str, Verb] = field(default_factory=dict)
 
     def load(self, telling: Telling) -> Callable[..., None]:
         """Import the function of the verb and add the options common to all verbs."""
@@ -94,7 +97,18 @@ class Verb:
 VERBS: dict[str, Verb] = {
     "doctor": Verb("doctor:doctor_command", "Check what works on this machine, or try a policy."),
     "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets.", takes_suite=True),
-    "assets": Verb("assets:assets_command", "Index, search and show assets, and list their licenses."),
+    "assets": Verb(
+        "assets:assets_command",
+        "Index, search and show assets, and list their licenses.",
+        commands={
+            "index": Verb("asset_index:index_command", "Read sources of assets into the catalogue."),
+            "search": Verb("asset_search:search_command", "Find assets by description."),
+            "show": Verb("asset_show:show_asset_command", "Print one asset."),
+            "licenses": Verb("asset_licenses:licenses_command", "Count licenses by source."),
+            "import": Verb("asset_import:import_command", "Import files as assets."),
+            "check": Verb("asset_check:check_command", "Certify assets."),
+        },
+    ),
     "review": Verb("review:review_command", "Review imported meshes in the browser."),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
@@ -168,10 +182,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     color_as_asked()
     try:
         if given and given[0] in VERBS:
-            verb = VERBS[given[0]]
+            name, verb, rest = _chosen(given)
             function = verb.load(telling)
-            words = verb.words(given[1:])
-            tyro.cli(function, prog=f"better {given[0]}", description=description_of(function), args=words)
+            words = verb.words(rest)
+            tyro.cli(function, prog=f"better {name}", description=description_of(function), args=words)
         elif given and not given[0].startswith("-"):
             raise UnknownNameError("verb", given[0], VERBS)  # noqa: TRY301
         else:
@@ -197,6 +211,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         return _interrupted(given)  # native code turned the interrupt into this error
     return 0
+
+
+def every_command() -> dict[str, Verb]:
+    """Return all verbs by name, and the commands of verbs under both words ("assets import")."""
+    found = dict(VERBS)
+    for name, verb in VERBS.items():
+        found |= {f"{name} {command}": each for command, each in verb.commands.items()}
+    return found
+
+
+def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
+    """Return the name of the chosen verb or command, itself, and the other words; options may precede the command."""
+    verb, rest = VERBS[given[0]], list(given[1:])
+    if not verb.commands or not rest:
+        return given[0], verb, rest
+    place = 0
+    if rest[0].startswith("-"):
+        place = next((place for place, word in enumerate(rest) if word in verb.commands), -1)
+        if place < 0:
+            return given[0], verb, rest
+    if rest[place] not in verb.commands:
+        raise UnknownNameError(f"command of better {given[0]}", rest[place], verb.commands)
+    return f"{given[0]} {rest[place]}", verb.commands[rest[place]], [*rest[:place], *rest[place + 1 :]]
 
 
 def _interrupted(given: Sequence[str]) -> int:

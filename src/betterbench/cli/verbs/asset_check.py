@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
 
 from betterbench.cli.console import OUT, print_json, print_listing, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError
@@ -18,7 +20,47 @@ _PIXELS = 256
 _MARKS = {"passed": "passed", "failed": "FAILED", "not_applicable": "–"}
 
 
-def check_assets(
+def check_command(
+    assets: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    *,
+    kind: str | None = None,
+    color: str | None = None,
+    size_m: float | None = None,
+    mass_kg: float | None = None,
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto",
+    freeze: bool = False,
+    license: str | None = None,  # noqa: A002 - the name of the option
+    picture: Path | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Certify mesh files, folders of mesh files, and registered assets; the status is 1 if one fails.
+
+    Example: better assets check mug.glb --kind "coffee mug" --picture mug.png
+
+    Args:
+        assets: Files, folders and assets to check.
+        kind: Name or description that determines the kind, such as "coffee mug"; default: the file name.
+        color: Color word; default: the color that covers most of the surface.
+        size_m: Longest side in meters; by default from the format and the kind.
+        mass_kg: Mass in kilograms; by default from the file or the kind.
+        up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
+        freeze: Fix the movable joints of a URDF or MJCF file, which are an error otherwise.
+        license: License of files without one.
+        picture: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
+        out: Folder that keeps the certificates; the same command resumes with the remaining assets.
+        overwrite: Replace files that better assets did not write.
+        json: Print one JSON document instead of a table.
+    """
+    from betterbench.sim.assets.importing.importer import Wishes
+
+    axis = None if up == "auto" else up
+    wishes = Wishes(kind, size_m, mass_kg, axis, license or "unknown", freeze=freeze)
+    _check(assets, wishes, color=color, out=out, picture=picture, overwrite=overwrite, json=json)
+
+
+def _check(
     given: Sequence[str],
     wishes: Wishes,
     *,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
 
 from betterbench.cli.console import OUT, print_json, print_listing, progress_bar, say
 from betterbench.errors import InvalidInputError, one_line
@@ -34,6 +36,66 @@ class ImportOptions:
 
 
 def import_command(
+    files: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    *,
+    catalogue: Path | None = None,
+    name: str | None = None,
+    kind: str | None = None,
+    color: str | None = None,
+    size_m: float | None = None,
+    mass_kg: float | None = None,
+    up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto",
+    freeze: bool = False,
+    license: str | None = None,  # noqa: A002 - the name of the option
+    any_license: bool = False,
+    author: str | None = None,
+    workers: int = 1,
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or ids of the catalogue, as assets.
+
+    The folder --out holds the assets; other verbs load it with --asset-dir. A repeated command resumes.
+
+    Example: better assets import mug.glb --kind "coffee mug" --out my_assets
+
+    Args:
+        files: Files and ids to import.
+        catalogue: Catalogue folder; by default in the user's cache.
+        name: Name of the asset in tasks, for a single file.
+        kind: Name or description that determines the kind, such as "coffee mug"; default: the file name.
+        color: Color word; default: the color that covers most of the surface.
+        size_m: Longest side in meters; by default from the format and the kind.
+        mass_kg: Mass in kilograms; by default from the file or the kind.
+        up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
+        freeze: Fix the movable joints of a URDF or MJCF file, which are an error otherwise.
+        license: License of files without one.
+        any_license: Also import files with a restricted or unknown license.
+        author: Author of files without one.
+        workers: Number of files imported at once.
+        out: Folder of the assets.
+        overwrite: Replace files that better assets did not write.
+        json: Print one JSON document instead of a table.
+    """
+    from betterbench.sim.assets.catalogue.places import usual_folder
+
+    options = ImportOptions(
+        name=name,
+        kind=kind,
+        color=color,
+        size_m=size_m,
+        mass_kg=mass_kg,
+        up=None if up == "auto" else up,
+        freeze=freeze,
+        license=license,
+        any_license=any_license,
+        author=author,
+    )
+    _import(catalogue or usual_folder(), files, options, out=out, workers=workers, overwrite=overwrite, json=json)
+
+
+def _import(
     catalogue: Path,
     given: Sequence[str],
     options: ImportOptions,
@@ -43,11 +105,6 @@ def import_command(
     overwrite: bool,
     json: bool,
 ) -> None:
-    """Import files and ids of the catalogue into the folder ``out``.
-
-    Raises:
-        InvalidInputError: If an option is invalid, or no file could be imported.
-    """
     from betterbench.sim.assets.folders.job import import_assets
     from betterbench.sim.assets.folders.manifest import manifest_of
 

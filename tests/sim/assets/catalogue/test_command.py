@@ -85,7 +85,6 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
         (("search",), "query: has 0 characters"),
         (("show", "kitchen/red"), "Unknown asset 'kitchen/red'"),
         (("show",), "0 ids are given"),
-        (("licenses", "x"), "'x' is not expected here"),
         (("search", "mug", "--out", "sheet.gif"), "ends with '.gif'"),
         (("search", "mug", "--num", "50"), "2 assets of the catalogue fit 'mug', and 50 are asked for"),
         (("index", "nowhere"), "Unknown source of assets 'nowhere'"),

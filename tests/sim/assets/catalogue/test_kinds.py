@@ -69,7 +69,7 @@ def test_likeness_counts_the_two_nearest_texts_and_the_head(tmp_path):
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     small, scales = quantized(vectors.astype(np.float32))
     kinds = [2, 2, 2, 4, 4]
-    write_kinds(tmp_path, [2, -1, 4, 2], kinds, np.zeros((5, 16), np.uint8), small, scales)
+    write_kinds(tmp_path, [2, -1, 4, 2], kinds, np.zeros((5, 16), np.uint8), (small, scales))
     index = KindIndex(tmp_path, count=4, dimension=16)
     assert index.places(2).tolist() == [0, 3]
     assert index.places(4).tolist() == [2]

@@ -145,7 +145,7 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text before the first use or attribute of the object, which "of" does not begin: "a slice of cheese"."""
+    """Return the text before the first use or attribute of the object; "of" begins none ("a slice of cheese")."""
     words = text.split()
     named = False
     for place, word in enumerate(words):

@@ -305,9 +305,8 @@ def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Seque
     for start in range(0, len(new), _BATCH):
         part = list(new)[start : start + _BATCH]
         known.add(part, encoder.encode([new[digest] for digest in part]))
-    vectors, scales = known.of(digests)
     marks = np.frombuffer(b"".join(digests), np.uint8).reshape(-1, 16)
-    write_kinds(folder, rows, [kind for kind, _ in texts], marks, vectors, scales)
+    write_kinds(folder, rows, [kind for kind, _ in texts], marks, known.of(digests))
 
 
 def vector_files(folder: Path) -> tuple[Path, ...]:

@@ -14,7 +14,7 @@ from betterbench.jobs.durable import DurableFile
 HEAD_SHARE = 0.2
 """Share of the head of a query in its likeness with a kind; the rest is that of the whole query."""
 _COUNTED = 2
-"""Number of texts of a kind that count, those nearest to the query: their mean cosine was better than the largest one."""
+"""Number of texts of a kind that count, nearest first; their mean cosine was better than the largest one."""
 _ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
 
 
@@ -23,7 +23,7 @@ def _line(dimension: int) -> np.dtype:
 
 
 def write_kinds(
-    folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: np.ndarray, scales: np.ndarray
+    folder: Path, rows: Sequence[int], kinds: Sequence[int], digests: np.ndarray, vectors: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """Write the kinds of a catalogue.
 
@@ -32,11 +32,11 @@ def write_kinds(
         rows: Number of each row's kind, -1 for none, in row order.
         kinds: Number of the kind of each text, (m,).
         digests: Digests of the texts, (m, 16) uint8.
-        vectors: Vectors of the texts, (m, dimension) int8.
-        scales: Scales of the vectors, (m,) float32.
+        vectors: Vectors of the texts, (m, dimension) int8, and their scales, (m,) float32.
     """
-    table = np.zeros(len(kinds), _line(vectors.shape[1]))
-    table["digest"], table["kind"], table["scale"], table["vector"] = digests, kinds, scales, vectors
+    table = np.zeros(len(kinds), _line(vectors[0].shape[1]))
+    table["digest"], table["kind"] = digests, kinds
+    table["vector"], table["scale"] = vectors
     for name, array in ((_ROWS, np.asarray(rows, np.int16)), (_TEXTS, table)):
         with DurableFile(folder / name) as out:
             np.save(out.file, array, allow_pickle=False)

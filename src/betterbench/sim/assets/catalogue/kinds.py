@@ -1,4 +1,4 @@
-"""Kinds of objects with descriptions: what an object is, looks like and is used for, from the built-in list ``kinds.txt``.
+"""Kinds of objects with descriptions of what they are, look like and are used for, from the list ``kinds.txt``.
 
 The name of a mesh says little. A query such as "it opens wine bottles" is therefore compared with the descriptions of a
 kind, and every row of that kind gets the result.
@@ -67,8 +67,8 @@ def _longest() -> int:
 def kind_of(entry: CatalogueEntry) -> int:
     """Return the number of an asset's kind in the list, -1 if its category and name contain no name of a kind.
 
-    The longest name counts, and the last of several: an apple pie is a pie. A name before "of" or "with" goes before the
-    others, and a color after them: an orange mug is a mug, and so is a mug with an apple on it.
+    The longest name counts, and the last of several: an apple pie is a pie. Names before "of" or "with" go before the
+    others, and colors after them: an orange mug is a mug, and so is a mug with an apple on it.
     """
     words = terms(f"{entry.category} {entry.name}")
     best = max(_named(words), default=None)

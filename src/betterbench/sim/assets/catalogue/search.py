@@ -292,9 +292,7 @@ class Catalogue:
         # The name of an object is like a short description: a row without a kind is compared by its own text.
         near = np.where(own >= 0, likeness[own], cosines) if len(likeness) else cosines
         order = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
-        return {
-            int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()
-        }
+        return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()}
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
         """Return which rows pass the filters, (n,) bool, or None for all."""
