@@ -226,7 +226,7 @@ class VectorIndex:
         for sketch in _sketches(queries, self._center).T:
             total = np.bitwise_count(sketches ^ sketch[:, None]).sum(axis=0, dtype=np.uint16)
             np.minimum(differing, total, out=differing)
-        return places[differing <= np.partition(differing, wanted - 1)[wanted - 1]]
+        return np.asarray(places[differing <= np.partition(differing, wanted - 1)[wanted - 1]])
 
     def _pool(self) -> ThreadPoolExecutor:
         with self._starting:
