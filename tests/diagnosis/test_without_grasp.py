@@ -148,6 +148,28 @@ def test_fidgeting_after_the_first_step_is_a_phase_conflict(stage):
     assert found.kind is Kind.REASONING
 
 
+@pytest.mark.parametrize("rows", [1, 2, 4])
+def test_fingers_that_open_slowly_do_not_hide_the_motion_after_them(stage, rows):
+    """While fingers open, they still hold the object for a few rows."""
+    s = stage("fast_food", "train1")
+    s.grasp(s.at("first")).lift()
+    x, y, z = s.goal_place() - s.grip_offset
+    s.over(np.array([x, y]), 0.30).go(x, y, z + 0.01)
+    s.jams, s.command = True, -1.0
+    s.wait(rows / 20)
+    s.jams = False
+    s.open(0.4).lift().home()
+    found = diagnose_record(tremble(s, 12, by=0.04).end())
+    assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
+
+
+def test_carrying_an_object_to_and_fro_to_the_end_is_no_motion_of_an_empty_gripper(stage):
+    s = stage("fast_food", "train1")
+    s.grasp(s.at("first")).lift()
+    found = diagnose_record(tremble(s, 12, by=0.04).end())
+    assert found.evidence.rule != "to_and_fro"
+
+
 def test_trembling_in_place_to_the_end_is_a_halt(stage):
     s = stage("fast_food", "train1")
     s.bring(s.at("first")).home()

@@ -233,6 +233,25 @@ def test_where_a_policy_fails_is_said_if_a_test_shows_it(elsewhere, said):
     assert ("where there is more or less to do than in training" in text) is said
 
 
+@pytest.mark.parametrize(("halted", "said"), [(0, True), (8, True), (12, False), (20, False)])
+def test_an_axis_is_not_named_if_the_policy_fails_in_the_same_way_in_training(halted, said):
+    layout = {"variation": "L1", "axis": "spatial_layout_shift"}
+    halts = varied(range(10), Label.EARLY_HALT, attempts=())
+    training = [*trained(range(halted), Label.EARLY_HALT, attempts=()), *trained(range(halted, 20))]
+    found = headline_of(diagnosis([*halts, *varied(range(10), **layout), *training]))
+    assert "stops before its first grasp" in found.conclusion
+    assert ("where there is more or less to do than in training" in found.conclusion) is said
+
+
+def test_right_objects_at_wrong_targets_are_not_called_wrong_objects():
+    place, other = "place_of_another_instruction", "object_of_another_instruction"
+    said = "It brings the right objects to wrong targets; this run does not show why."
+    headline = headline_of(diagnosis(varied(range(10), Label.WRONG_OBJECT, rule=place)))
+    assert headline.conclusion == said
+    mixed = [*varied(range(5), Label.WRONG_OBJECT, rule=place), *varied(range(5, 10), Label.WRONG_OBJECT, rule=other)]
+    assert headline_of(diagnosis(mixed)).conclusion != said
+
+
 def test_one_of_many_forms_of_failure_is_said_to_be_one():
     labels = [RULE] * 4 + [Label.BEHAVIORAL_INERTIA] * 3 + [Label.EARLY_HALT] * 3 + [Label.CAUSAL_CONFUSION] * 2
     trials = [t for s, label in enumerate(labels) for t in varied([s], label)]

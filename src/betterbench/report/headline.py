@@ -302,7 +302,7 @@ def _by_failures(
         return habit or weak_training or nothing
     entry = LEGEND[main]
     text = entry.conclude([trial for trial in failed if trial.label is main])
-    if main in ANYWHERE and (where := _where(varied, main)):
+    if main in ANYWHERE and (where := _where(trials, main)):
         text = f"{text.removesuffix('.')} {where}."
     text = _of_several(text, failed, main)
     if weak and main.kind is not Kind.SYSTEM:
@@ -437,8 +437,14 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
     return sentence, LEGEND[label].family, claims[task, label]
 
 
-def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
-    """Return a clause with the axis of nearly all trials of a label, if Fisher's exact test confirms it."""
+def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
+    """Return a clause with the axis of nearly all variation trials of a label, if Fisher's exact test confirms it.
+
+    A clause compares the axis with training, so it is left out if the label is about as frequent in training.
+    """
+    ended = [trial for trial in trials if trial.kind is not Kind.UNFINISHED]
+    varied = [trial for trial in ended if trial.variation is not None]
+    trained = [trial for trial in ended if trial.variation is None]
     axes = Counter(trial.axis for trial in varied if trial.label is label)
     axis, count = axes.most_common(1)[0]
     others = [trial for trial in varied if trial.axis != axis]
@@ -446,6 +452,9 @@ def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
     there = Rate(axes.total() - count, len(others))
     if count < max(FEW, SHARE_OF_ALL * axes.total()) or fisher_p(here, there) > DEFAULT_ALPHA:
         return ""
+    in_training = sum(trial.label is label for trial in trained)
+    if 2 * in_training * here.n > count * len(trained):
+        return ""  # more than half as frequent as on the axis
     return AXIS_PLACES.get(axis or "", "")
 
 

@@ -235,9 +235,12 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     """Return the rows in which an empty gripper moves back and forth until the end of the episode, or None.
 
-    The path to the region of this motion is excluded, however long it is.
+    The path to the region of this motion is excluded, however long it is. The rows in which opening fingers still hold
+    the last object are excluded too.
     """
-    if (trace.held[first:] >= 0).any() or trace.rows - first < trace.steps(THRESHOLDS.halt_time):
+    holding = np.flatnonzero(trace.held[first:] >= 0)
+    first += int(holding[-1]) + 1 if holding.size else 0
+    if trace.rows - first < trace.steps(THRESHOLDS.halt_time):
         return None
     tool = trace.tool[first:]
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)

@@ -47,6 +47,8 @@ def _find(trial: TrialView) -> Evidence | None:
     for step in episode.decisions:
         if step.target is AttemptTarget.REPEATED and not _takes_up_a_drop(episode, step):
             missing = _missing_content(episode, step)
+            if missing is not None and _fills_another(episode, step.at, missing, step.grasp.start):
+                continue
             if missing is not None:
                 return episode.at_step("required_step_skipped", _without(episode, step, missing), step)
             text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."
@@ -79,6 +81,16 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
     return f"It {does} {episode.describe(step)} and never goes for {content}, {more}"
 
 
+def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
+    """Return whether the content of a drawer shut at a row is brought to another drawer afterwards.
+
+    An open drawer blocks the one below, so it was shut for the wrong target, which decides.
+    """
+    later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
+    places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)
+    return any(episode.trace.is_drawer(target) and target != drawer for target in places)
+
+
 def _takes_up_a_drop(episode: EpisodeAnalysis, step: Step) -> bool:
     """Return whether an attempt takes up an object that fell out of the gripper and met its goal by accident.
 
@@ -109,6 +121,8 @@ def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
         late = episode.attempted_after(j, rows[0])
         if late and (episode.instruction.ordered or episode.attempted_before(j, rows[0])):
             continue  # a wrong order, or an earlier miss
+        if _fills_another(episode, i, j, rows[0]):
+            continue
         if not trace.closing[rows[1]] and (late or find_halt(episode) is None):
             continue  # an open gripper may have run into it while moving on
         text = (

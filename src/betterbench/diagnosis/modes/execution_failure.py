@@ -26,6 +26,7 @@ from betterbench.tasks.judging.restraint import moved_from_start
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import lies_on_side, relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.thresholds import DISPLACED
 from betterbench.tasks.words import agreeing, is_plural
 
 _KNOCKS = "knocks objects over or out of place"
@@ -346,7 +347,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
         return None
     gone, rest = rows
     wanted = episode.telling_place(rest, i) is not None and not episode.slipped(step)
-    if wanted or trace.serves[rest, :, i].any() or episode.put_down(step) is not None:
+    if wanted or trace.serves[rest, :, i].any() or episode.put_down(step) is not None or _put_back(episode, step, rows):
         return None
     kind, fall = episode.kind(i), float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > THRESHOLDS.fall_height:
@@ -365,6 +366,21 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     )
     text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} {how}."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
+
+
+def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
+    """Return whether an object was set down where it stood before the attempt, and the next attempt is a wrong one.
+
+    The manipulation did not fail: the policy gave the right object up for another one.
+    """
+    trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
+    if i is None or gone < step.grasp.release:
+        return False
+    before, then, now = trace.positions[[step.grasp.start, gone, rest], i]
+    following = next((s for s in episode.decisions if s.grasp.start > rest), None)
+    gave_up = following is not None and following.target is not AttemptTarget.ASKED
+    moved = float(np.linalg.norm(now[:2] - before[:2]))
+    return gave_up and moved <= DISPLACED and float(then[2] - now[2]) <= THRESHOLDS.fall_height
 
 
 def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:

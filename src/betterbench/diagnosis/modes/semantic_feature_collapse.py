@@ -31,7 +31,14 @@ def _likeness(shared: Sequence[str]) -> str:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the properties that nearly all wrongly chosen objects share with the targets."""
+    """Return a sentence on the properties that nearly all wrongly chosen objects share with the targets.
+
+    Objects that share nothing with the target are not look-alikes.
+    """
+    unlike = sum(not trial.evidence.shared for trial in trials)
+    if unlike > (1.0 - SHARE_OF_ALL) * len(trials):
+        share = f"in {unlike} of {len(trials)} of these trials, the object shares nothing with the target"
+        return f"It takes objects that no instruction asks to move; {share}."
     counts = Counter(feature for trial in trials for feature in trial.evidence.shared)
     shared = [feature for feature in ("color", "shape", "slot") if counts[feature] >= SHARE_OF_ALL * len(trials)]
     return f"It takes look-alikes for the real thing: objects {_likeness(shared)}." if shared else ""

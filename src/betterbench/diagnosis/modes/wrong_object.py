@@ -14,7 +14,13 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the object kind with which nearly all trials begin, if the instructed kinds differ."""
+    """Return a sentence on what nearly all trials have in common: a wrong target, or an object kind that comes first.
+
+    An object kind is named only if the instructed kinds differ.
+    """
+    misplaced = sum(trial.evidence.rule == "place_of_another_instruction" for trial in trials)
+    if misplaced >= SHARE_OF_ALL * len(trials):
+        return "It brings the right objects to wrong targets; this run does not show why."
     (kind, times), *_ = Counter(trial.first_attempt_kind for trial in trials).most_common(1)
     requested = {trial.intended_kind for trial in trials if trial.first_attempt_kind == kind}
     if kind is None or times < SHARE_OF_ALL * len(trials) or len(requested) < 2:
