@@ -302,10 +302,13 @@ def test_cutlery_at_a_plate_may_lie_face_down(at_reset, posed, thing, anchor_yaw
         (0.0, 0.0, LIMITS["side_height"] + HALF_MM, None),
     ):
         there = lay(state, posed, "plate", "left", thing)
-        assert where("beside", rolled_over(there, posed, thing, lean, heading, z), thing, "plate") == expected
+        assert (
+            where("beside", rolled_over(there, posed, thing, lean=lean, heading=heading, z=z), thing, "plate")
+            == expected
+        )
 
 
-def rolled_over(state, posed, thing, lean, heading, z):
+def rolled_over(state, posed, thing, *, lean, heading, z):
     """Return the state with a thing rolled onto its face about its length, over the point on which it lay."""
     pose, height = state.pose(thing), state.info.object(thing).size_m[2]
     roll = from_axis_angle((math.pi + lean, 0.0, 0.0))
