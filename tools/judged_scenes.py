@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import csv
 import importlib
+import itertools
 import math
 import sys
 import textwrap
@@ -54,7 +55,12 @@ ABOVE_M, ABOVE_FOV_DEG, CLOSE_FOV_DEG = 1.75, 23.0, 15.0
 HIDDEN_GROUP = 5
 MOVED_M, SUNK_M, JUMPED_M = 0.004, -0.004, 0.2
 """Largest displacement of an object that was not posed, overlap of a posed object, and fall of a posed object [m]."""
-SHARED_FIELDS = ("kind", "setting", "thing", "target", "region", "instruction", "question")
+SHARED_FIELDS = ("kind", "setting", "thing", "target", "region", "posture", "instruction", "question")
+POSTURES = (
+    *("face down", "reversed", "face down and reversed", "on its edge", "slanted", "on the rim"),
+    *("on another piece", "face down", "reversed", "slanted"),
+)
+"""Postures of cutlery, in the order in which they are posed."""
 HOW = """# How to judge these scenes
 
 You are a judge. Look only at the pictures and at `scenes.tsv` in this folder. Judge alone.
@@ -118,7 +124,7 @@ class Question:
     clauses: tuple[Pose, ...]
     instruction: str
     question: str
-    posture: bool = False
+    posture: str = ""
 
     def at(self, t: float) -> str:
         """Return the arrangement at a point of the line."""
@@ -177,41 +183,29 @@ class Poser:
             goal.relation, setting, thing, goal.target, goal.region, (*done, *posed), condition.instruction.text, words
         )
 
-    def cutlery(self) -> Question:
-        """Return a question about cutlery in a random posture at its side of a plate or on another piece."""
-        setting, condition = self.setting("breakfast_table")
-        steps = [step for step in steps_of(condition) if step[1] in ("fork", "spoon")]
-        if not steps:
-            return self.cutlery()
-        goal, thing, below = self.one_of(steps)
-        other = "spoon" if thing == "fork" else "fork"
-        place = f"{goal.target}.{goal.region}"
-        numbers = {**self.polar(0.0, 22.0), "z": 4.0}
-        turn = self.one_of(
-            (self.uniform(-20, 20), self.uniform(-20, 20), self.uniform(160, 200), self.uniform(-90, 90))
-        )
-        posture = self.one_of(("", "flip", "flip", "edge", "rim", "across"))
-        if posture == "" and abs(turn) <= 20.0:  # the usual posture is no question
-            turn = self.uniform(160.0, 200.0)
-        numbers |= {"turn": turn} | ({"tilt": 90.0, "about": turn} if posture == "edge" else {})
-        before = ()
-        if posture == "rim":
-            numbers |= {"y": -numbers["y"] + (28.0 if goal.region == "left" else -28.0), "z": 18.0}
-        if posture == "across":
+    def cutlery(self, posture: str) -> Question:
+        """Return a question about cutlery in one of :data:`POSTURES` at its side of a plate."""
+        setting, condition = self.setting("breakfast_table")  # each instruction names a fork or a spoon
+        goal, thing, below = self.one_of([step for step in steps_of(condition) if step[1] in ("fork", "spoon")])
+        place, flags = f"{goal.target}.{goal.region}", ("flip",) if "face down" in posture else ()
+        numbers = {**self.polar(0.0, 20.0), "z": 4.0, "turn": self.uniform(-20.0, 20.0)}
+        before: tuple[Pose, ...] = ()
+        if "reversed" in posture:
+            numbers["turn"] += 180.0
+        elif posture == "slanted":
+            numbers["turn"] = self.one_of((-1.0, 1.0)) * self.uniform(25.0, 90.0)
+        elif posture == "on its edge":
+            numbers |= {"tilt": 90.0, "about": numbers["turn"]}
+        elif posture == "on the rim":
+            numbers |= {"y": self.uniform(25.0, 45.0) * (1.0 if goal.region == "left" else -1.0), "z": 18.0}
+        elif posture == "on another piece":
+            other = "spoon" if thing == "fork" else "fork"
             before = (Pose(other, place, {**self.polar(0.0, 8.0), "z": 1.0}),)
             place, numbers = other, {**self.polar(0.0, 12.0), "z": 4.0, "turn": self.uniform(-60.0, 60.0)}
-        posed = Pose(thing, place, numbers, {}, ("flip",) if posture == "flip" else ())
+        clauses = (*before, Pose(thing, place, numbers, {}, flags))
         words = step_words(condition, goal, thing, below)
         return Question(
-            "beside",
-            setting,
-            thing,
-            goal.target,
-            goal.region,
-            (*before, posed),
-            condition.instruction.text,
-            words,
-            True,
+            "beside", setting, thing, goal.target, goal.region, clauses, condition.instruction.text, words, posture
         )
 
     def harm(self, task_id: str) -> Question:
@@ -405,15 +399,20 @@ def drawn(poser: Poser, make: Callable[[], Question], *, near: bool) -> tuple[Qu
 
 def draw(out: Path, count: int, seed: int) -> None:
     """Pose scenes, and write the pictures for the judges and the hidden verdicts."""
-    poser, tasks = Poser(seed), suite_tasks("better60")
+    poser = Poser(seed)
+    goals, harms, postures = (itertools.cycle(items) for items in (*[suite_tasks("better60")] * 2, POSTURES))
     shown, hidden = out / "for_judges", out / "hidden"
     for folder in (shown, hidden):
         folder.mkdir(parents=True, exist_ok=True)
     found = []
     for i in range(count):
-        task = tasks[(i // 5 + 3 * i) % len(tasks)]
-        kinds = (partial(poser.goal, task), partial(poser.harm, task), partial(poser.goal, task), poser.cutlery)
-        make: Callable[[], Question] = (*kinds, partial(poser.goal, task))[i % 5]
+        make: Callable[[], Question]
+        if i % 5 == 1:
+            make = partial(poser.harm, next(harms))
+        elif i % 5 == 3:
+            make = partial(poser.cutlery, next(postures))
+        else:
+            make = partial(poser.goal, next(goals))
         found.append(drawn(poser, make, near=i % 2 == 0))
         sys.stderr.write(f"posed {i + 1}/{count}: {found[-1][0].setting} {found[-1][0].kind}\n")
     order = poser.rng.permutation(count)

@@ -10,7 +10,7 @@ import pytest
 from tests.tasks.arranging import arranged, clauses_of
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
-HEAD = "number\tkind\tsetting\tthing\ttarget\tregion\tinstruction\tquestion\tarrangement\tprogram\tt\tborder\n"
+HEAD = "number\tkind\tsetting\tthing\ttarget\tregion\tposture\tinstruction\tquestion\tarrangement\tprogram\tt\tborder\n"
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_a_drawn_scene_is_possible_and_its_line_crosses_a_border(scenes, task):
 
 
 def test_the_seed_decides_what_is_asked(scenes):
-    first, again, other = (scenes.Poser(seed).cutlery().at(0.0) for seed in (1, 1, 2))
+    first, again, other = (scenes.Poser(seed).cutlery("slanted").at(0.0) for seed in (1, 1, 2))
     assert first == again != other
 
 
@@ -83,7 +83,7 @@ def posed(tmp_path):
     """A folder with three scenes and the verdicts of the program: y, n, y."""
     (tmp_path / "hidden").mkdir()
     rows = [
-        f"{number}\tbeside\tbreakfast_table/L1\tfork\tplate\tleft\tPut it.\t?\tfork plate.left settle\t{verdict}\t0\t"
+        f"{number}\tbeside\tbreakfast_table/L1\tfork\tplate\tleft\t\tPut it.\t?\tfork plate.left settle\t{verdict}\t0\t"
         for number, verdict in (("001", "y"), ("002", "n"), ("003", "y"))
     ]
     (tmp_path / "hidden" / "verdicts.tsv").write_text(HEAD + "\n".join(rows) + "\n")
