@@ -322,7 +322,7 @@ def step_words(condition: Condition, goal: Subgoal, thing: str, below: str) -> s
     """Return the question about a step."""
     spec, target = condition.object(thing), condition.object(goal.target)
     name = f"the {goal.word} {spec.kind}" if goal.reference.slot is not None else f"the {spec.kind}"
-    if goal.count > 1:
+    if goal.count > 1 or (below and below != goal.target and condition.object(below).kind == spec.kind):
         name = f"the second {spec.kind}"
     verb = "are" if name.endswith("fries") else "is"
     side = goal.region.replace("_", " ")
