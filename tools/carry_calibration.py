@@ -4,6 +4,9 @@
     better calibrate --tasks fast_food --out AFTER       # with the new version
     python tools/carry_calibration.py BEFORE AFTER
 
+If only a rule of the goal has changed, and neither scene nor instruction, AFTER is not needed. Without it, the states
+of every record of BEFORE are judged again with the new rules, and all verdicts must be the recorded ones.
+
 A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
 holds the same bytes under both versions, all labels stay the same, and only the versions in the file have to change. If
 a record differs, the whole calibration has to be measured again.
@@ -18,11 +21,16 @@ from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
+
 import compare_records
 from betterbench.diagnosis import Calibration
 from betterbench.diagnosis.measures.confusion import packaged_file
+from betterbench.diagnosis.trial import offline_truth
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.jobs import write_durably
+from betterbench.records import Record, read_record
+from betterbench.tasks import get_task
 
 CURE = "Measure the whole calibration with better calibrate --write-package"
 TASK = "task_version:"
@@ -32,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Check both folders and rewrite the versions of the packaged calibration; return 2 if anything differs."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("before", type=Path, help="folder of better calibrate, with the old version")
-    parser.add_argument("after", type=Path, help="folder of the same command, with the new version")
+    parser.add_argument("after", type=Path, nargs="?", help="folder of the same command, with the new version")
     parser.add_argument("--file", type=Path, default=None, help="calibration to rewrite; by default, the packaged one")
     asked = parser.parse_args(arguments)
     with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
@@ -54,27 +62,68 @@ def read(file: Path) -> Calibration:
     return Calibration.from_json(file.read_bytes(), where=str(file))
 
 
-def carry(packaged: Calibration, before: Path, after: Path) -> Calibration:
-    """Return the packaged calibration with the task versions of ``after``.
+def carry(packaged: Calibration, before: Path, after: Path | None) -> Calibration:
+    """Return the packaged calibration with the task versions of ``after``, or of the present tasks if it is None.
 
     Raises:
         InvalidInputError: If ``before`` was measured under other versions than the packaged calibration or with other
-            policies, or if anything but a task's version differs between the two folders.
+            policies, if anything but a task's version differs between the two folders, or if ``after`` is None and a
+            record of ``before`` is judged differently now.
     """
-    old, new = read(before / "calibration.json"), read(after / "calibration.json")
+    old = read(before / "calibration.json")
     for name, version in old.versions.items():
         if packaged.versions.get(name) != version:
             raise InvalidInputError(str(before), f"{name} is {version}, packaged: {packaged.versions.get(name)}", CURE)
-        if not name.startswith(TASK) and new.versions.get(name) != version:
-            raise InvalidInputError(str(after), f"{name} is {new.versions.get(name)}, expected {version}", CURE)
     if old.policies.keys() != packaged.policies.keys():
         other = sorted(old.policies.keys() ^ packaged.policies.keys())
         raise InvalidInputError(str(before), f"the policies differ: {', '.join(other)}", CURE)
+    trials = old.total + old.left_out
+    if after is None:
+        _require_same_verdicts(before, trials=trials)
+        tasks = {n: str(get_task(n.removeprefix(TASK)).version) for n in old.versions if n.startswith(TASK)}
+    else:
+        new = read(after / "calibration.json")
+        _require_same_labels(old, new, after)
+        _require_same_records(before, after, trials=trials)
+        tasks = {name: version for name, version in new.versions.items() if name.startswith(TASK)}
+    return replace(packaged, versions={**packaged.versions, **tasks})
+
+
+def _require_same_labels(old: Calibration, new: Calibration, after: Path) -> None:
+    """Raise InvalidInputError if a label or a version differs, except versions of tasks."""
+    for name, version in old.versions.items():
+        if not name.startswith(TASK) and new.versions.get(name) != version:
+            raise InvalidInputError(str(after), f"{name} is {new.versions.get(name)}, expected {version}", CURE)
     if replace(new, versions={}) != replace(old, versions={}):
         raise InvalidInputError(str(after), "the labels differ from those of the old version", CURE)
-    _require_same_records(before, after, trials=old.total + old.left_out)
-    tasks = {name: version for name, version in new.versions.items() if name.startswith(TASK)}
-    return replace(packaged, versions={**packaged.versions, **tasks})
+
+
+def _require_same_verdicts(before: Path, *, trials: int) -> None:
+    """Raise InvalidInputError if a record's states are judged differently now, or if there are too few records."""
+    same = 0
+    for path in sorted(before.glob("*/records/**/*.parquet")):
+        if not has_same_verdicts(read_record(path)):
+            raise InvalidInputError(str(path), "its states are judged differently with the new version", CURE)
+        same += 1
+    _require_all(before, same, trials)
+
+
+def has_same_verdicts(record: Record) -> bool:
+    """Return whether every state of a record gets the recorded verdicts when it is judged with the present rules.
+
+    The relations cover all objects at the instructed targets. A trial whose verdicts are the same in every state takes
+    the same course and gets the same label, because policies and diagnosis read the targets through these relations.
+    """
+    truths = offline_truth(record)
+    columns = {
+        "predicates": [t.relations for t in truths],
+        "subgoals": [t.subgoals for t in truths],
+        "goal": [t.goal for t in truths],
+        "forbidden": [t.forbidden for t in truths],
+    }
+    recorded = record.arrays()
+    same = all(np.array_equal(recorded[name], np.array(values)) for name, values in columns.items())
+    return same and record.outcome.success == any(t.success for t in truths)
 
 
 def _require_same_records(before: Path, after: Path, *, trials: int) -> None:
@@ -86,8 +135,13 @@ def _require_same_records(before: Path, after: Path, *, trials: int) -> None:
             problem = f"{name}: {(found.missing + found.changed)[0]} differs from the old version"
             raise InvalidInputError(str(after), problem, CURE)
         same += found.same
-    if same != trials:
-        raise InvalidInputError(str(before), f"it has {same} records, but {trials} trials were judged", CURE)
+    _require_all(before, same, trials)
+
+
+def _require_all(before: Path, found: int, trials: int) -> None:
+    """Raise InvalidInputError if there is not one record for each judged trial."""
+    if found != trials:
+        raise InvalidInputError(str(before), f"it has {found} records, but {trials} trials were judged", CURE)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from tests.tasks.posing import (
     where,
 )
 
-from betterbench.geometry import Pose, distance, from_axis_angle, from_yaw, multiply, normalize, tilt_of
+from betterbench.geometry import Pose, distance, from_axis_angle, from_yaw, multiply, normalize, rotate, tilt_of
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
@@ -253,8 +253,9 @@ def test_beside_wants_it_upright_on_the_table(at_reset, posed, spot):
     limit = THRESHOLDS.upright_tilt
     for tilt, expected in ((limit - 0.002, side), (0.002 - limit, side), (limit + 0.002, None), (-limit - 0.002, None)):
         assert where("beside", lay(state, posed, anchor, side, thing, tilt=tilt), thing, anchor) == expected
-    for tilt in (math.pi / 2, math.pi):
-        assert where("beside", lay(state, posed, anchor, side, thing, tilt=tilt), thing, anchor) is None
+    assert where("beside", lay(state, posed, anchor, side, thing, tilt=math.pi / 2), thing, anchor) is None
+    if thing != "fork":
+        assert where("beside", lay(state, posed, anchor, side, thing, tilt=math.pi), thing, anchor) is None
     assert where("beside", lay(state, posed, anchor, side, thing, contacts=()), thing, anchor) is None
     on_anchor = lay(state, posed, anchor, side, thing, contacts=((thing, anchor),))
     assert where("beside", on_anchor, thing, anchor) is None
@@ -281,6 +282,40 @@ def test_cutlery_at_a_plate_points_away_from_the_eater(at_reset, posed, anchor_y
     ):
         there = lay(state, posed, "plate", "left", "fork", turn=sign * turn)
         assert where("beside", there, "fork", "plate") == expected
+
+
+@pytest.mark.parametrize("thing", ["fork", "spoon"])
+@pytest.mark.parametrize("anchor_yaw", [0.0, 2.5])
+def test_cutlery_at_a_plate_may_lie_face_down(at_reset, posed, thing, anchor_yaw):
+    state = at_reset("breakfast_table", "train1")
+    state = posed(state, poses={"plate": Pose(state.pose("plate").position, from_yaw(anchor_yaw))})
+    limit, turn = LIMITS["side_face_down"], LIMITS["side_turn"]
+    for lean, heading, z, expected in (
+        (0.0, 0.0, 0.0, "left"),
+        (limit - 0.002, 0.0, 0.0, "left"),
+        (0.002 - limit, 0.0, 0.0, "left"),
+        (limit + 0.002, 0.0, 0.0, None),
+        (0.0, turn - 0.005, 0.0, "left"),
+        (0.0, -turn - 0.005, 0.0, None),
+        (0.0, math.pi, 0.0, None),
+        (0.0, 0.0, LIMITS["side_height"] - HALF_MM, "left"),
+        (0.0, 0.0, LIMITS["side_height"] + HALF_MM, None),
+    ):
+        there = lay(state, posed, "plate", "left", thing)
+        assert (
+            where("beside", rolled_over(there, posed, thing, lean=lean, heading=heading, z=z), thing, "plate")
+            == expected
+        )
+
+
+def rolled_over(state, posed, thing, *, lean, heading, z):
+    """Return the state with a thing rolled onto its face about its length, over the point on which it lay."""
+    pose, height = state.pose(thing), state.info.object(thing).size_m[2]
+    roll = from_axis_angle((math.pi + lean, 0.0, 0.0))
+    q = normalize(multiply(pose.quaternion, multiply(from_yaw(heading), roll)))
+    px, py, pz = pose.apply(base_of(state, thing))
+    x, y, up = rotate(q, (*base_of(state, thing)[:2], height))
+    return posed(state, poses={thing: Pose((px - x, py - y, pz - up + z), q)}, contacts=((thing, "table"),))
 
 
 @pytest.mark.parametrize("turn", [0.5, math.pi / 2, 3.0])

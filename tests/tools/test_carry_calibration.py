@@ -6,11 +6,15 @@ import dataclasses
 import importlib
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.diagnosis.conftest import Stage
 
 from betterbench.diagnosis import Calibration, Judged, Label
+from betterbench.records import write_record
+from betterbench.tasks import get_task
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 OLD = {"suite_version": "2.0", "task_version:fast_food": "7"}
@@ -81,4 +85,45 @@ def test_a_record_that_neither_folder_has_is_not_called_the_same(carry, capsys):
     for folder in ("before", "after"):
         (carry.folder / folder / "expert-100" / "records" / "fast_food" / "T1" / "0.parquet").unlink()
     assert carry() == 2
+    assert "it has 0 records, but 1 trials were judged" in capsys.readouterr().err
+
+
+@pytest.fixture
+def carry_judged(tmp_path, carry_calibration):
+    """Runs the script on a folder alone, which holds a record; named columns are set to true."""
+    file, before = tmp_path / "packaged.json", tmp_path / "before"
+    packaged = Calibration.of([judged()], versions=OLD)
+    file.write_bytes(packaged.file_bytes())
+
+    def run(*columns: str) -> int:
+        record = Stage("fast_food", "train1").wait(1.0).end()
+        ones = {name: np.ones_like(getattr(record, name)) for name in columns}
+        write(before, OLD)
+        path = before / "expert-100" / "records" / "fast_food" / "T1" / "0.parquet"
+        write_record(dataclasses.replace(record, **ones), path)
+        return carry_calibration.main([str(before), "--file", str(file)])
+
+    run.file, run.packaged, run.folder = file, packaged, before
+    return run
+
+
+def test_without_new_records_the_old_ones_are_judged_again(carry_judged):
+    assert carry_judged() == 0
+    found = Calibration.from_json(carry_judged.file.read_bytes(), where="packaged")
+    assert found.versions == {**OLD, "task_version:fast_food": str(get_task("fast_food").version)}
+    assert dataclasses.replace(found, versions=OLD) == carry_judged.packaged
+
+
+@pytest.mark.parametrize("column", ["predicates", "subgoals", "goal", "forbidden"])
+def test_a_record_that_is_judged_differently_now_is_refused(carry_judged, capsys, column):
+    before = carry_judged.file.read_bytes()
+    assert carry_judged(column) == 2
+    assert "0.parquet: its states are judged differently with the new version" in capsys.readouterr().err
+    assert carry_judged.file.read_bytes() == before
+
+
+def test_every_judged_trial_needs_a_record_that_is_judged_again(carry_judged, carry_calibration, capsys):
+    carry_judged.folder.mkdir()
+    (carry_judged.folder / "calibration.json").write_bytes(carry_judged.file.read_bytes())
+    assert carry_calibration.main([str(carry_judged.folder), "--file", str(carry_judged.file)]) == 2
     assert "it has 0 records, but 1 trials were judged" in capsys.readouterr().err

@@ -2,10 +2,10 @@
 
 import math
 
-from betterbench.geometry import IDENTITY_QUATERNION, Vector, yaw_of
+from betterbench.geometry import IDENTITY_QUATERNION, Vector, tilt_of, yaw_of
 from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import lowest, middle
-from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.placing import foot, foot_offset, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import SHARED, PlaceGoal, Relation, offers_each, register
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
@@ -98,6 +98,14 @@ TURN = threshold(
     "degrees, and rejected 54 and 159 to 179 degrees.",
     "Larger: cutlery may be askew; more success, fewer execution_failure.",
 )
+FACE_DOWN = threshold(
+    "side_face_down",
+    math.radians(12.0),
+    "rad",
+    "Largest angle from upside down at which a long object at a plate lies face down on the table; a fork on its "
+    "curved tines is 7 degrees off. People accepted a fork and a spoon that lay face down.",
+    "Larger: cutlery may lean more while upside down; more success, fewer execution_failure.",
+)
 LONG_RATIO = threshold(
     "long_ratio",
     1.5,
@@ -116,15 +124,20 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     The center of the object's foot is on the table, next to the anchor: up to 24 cm from its edge, or 7.5 cm from the
     edge of a plate. The foot may be at most 2.5 cm nearer, farther back or farther to a side than the anchor reaches.
     "At the upper right" covers directions between right and behind; those up to the diagonal also count as right. The
-    object is upright as intended for its asset. The head of cutlery at a plate points away from the eater.
+    object is upright as intended for its asset. Cutlery at a plate may also lie face down, and its head points away
+    from the eater.
     """
     if not state.touching(name, "table"):  # cheapest test first: a carried object fails here
         return None
-    x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
+    setting = _is_round(state.info.object(anchor)) and _is_long(state.info.object(name))
+    face_down = setting and math.pi - tilt_of(state.quaternion(name)) <= FACE_DOWN
+    x, y, z = state.pose(anchor).inverse().apply(_top(state, name) if face_down else foot(state, name))
     if z > HEIGHT:
         return None
     side = side_of(state.info.object(anchor), x, y)
-    return side if side is not None and upright(state, name) and _points_away(state, name, anchor) else None
+    if side is None or not (face_down or upright(state, name)):
+        return None
+    return side if not setting or _points_away(state, name, anchor) else None
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
@@ -189,10 +202,15 @@ def _is_long(info: ObjectInfo) -> bool:
     return length >= LONG_RATIO * width
 
 
+def _top(state: WorldState, name: str) -> Vector:
+    """Return the point of an object above its foot, at the height of its bounding box, in the world [m]."""
+    info = state.info.object(name)
+    x, y, z = foot_offset(info)
+    return state.pose(name).apply((x, y, info.size_m[2] - z))
+
+
 def _points_away(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether an object is oriented as in a place setting. Next to other anchors, any orientation is right."""
-    if not _is_round(state.info.object(anchor)) or not _is_long(state.info.object(name)):
-        return True
+    """Return whether the head of a long object points away from the eater, as in a place setting."""
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
     return abs(math.remainder(turn, 2.0 * math.pi)) <= TURN
 
@@ -232,6 +250,7 @@ BESIDE = register(
             "side_right_up_to",
             "side_height",
             "side_turn",
+            "side_face_down",
             "long_ratio",
         ),
         goals=_goals,

@@ -1,0 +1,125 @@
+"""The script that poses scenes for blind judges: lines between an accepted and a denied arrangement, and the votes."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from pathlib import Path
+
+import pytest
+from tests.tasks.arranging import arranged, clauses_of
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+HEAD = "number\tkind\tsetting\tthing\ttarget\tregion\tposture\tinstruction\tquestion\tarrangement\tprogram\tt\tborder\n"
+
+
+@pytest.fixture
+def scenes(monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOLS))
+    return importlib.import_module("judged_scenes")
+
+
+def test_a_clause_goes_from_the_good_to_the_bad_end(scenes):
+    pose = scenes.Pose("fork", "plate.left", {"x": 10.0, "z": 2.0}, {"x": 110.0, "turn": 40.0}, ("flip",))
+    clause = clauses_of(pose.at(0.25))[0]
+    assert clause.numbers == {"x": 35.0, "z": 2.0, "turn": 10.0}
+    assert clause.flags == {"flip", "settle"}
+
+
+@dataclasses.dataclass
+class Line:
+    """A line whose verdict changes at one point."""
+
+    border: float
+
+    def accepted(self, t: float) -> bool:
+        return t < self.border
+
+
+@pytest.mark.parametrize("border", [0.02, 0.3, 0.97])
+def test_the_border_of_a_line_is_found(scenes, border):
+    assert scenes.border_of(Line(border)) == pytest.approx(border, abs=0.5 ** (scenes.BISECTIONS + 1))
+
+
+@pytest.mark.parametrize("border", [-1.0, 2.0])
+def test_a_line_with_one_verdict_has_no_border(scenes, border):
+    assert scenes.border_of(Line(border)) is None
+
+
+@pytest.mark.parametrize("task", ["breakfast_table", "office_drawer", "cheeseburger"])
+def test_a_drawn_scene_is_possible_and_its_line_crosses_a_border(scenes, task):
+    poser = scenes.Poser(5)
+    question, t, border = scenes.drawn(poser, lambda: poser.goal(task), near=True)
+    assert (question.accepted(0.0), question.accepted(1.0)) == (True, False)
+    assert abs(t - border) <= scenes.NEAR
+    assert scenes.fault_of(question.setting, question.at(t)) == ""
+    assert question.question.startswith("Is this step done: the ")
+
+
+def test_the_seed_decides_what_is_asked(scenes):
+    first, again, other = (scenes.Poser(seed).cutlery("slanted").at(0.0) for seed in (1, 1, 2))
+    assert first == again != other
+
+
+def test_the_question_of_harm_is_about_what_the_instruction_does_not_name(scenes):
+    poser = scenes.Poser(2)
+    for _ in range(4):
+        question = poser.harm("breakfast_table")
+        assert question.accepted(0.0)
+        assert question.clauses[0].thing in ("plate", "bowl", "salt", "jam", "egg", "tumbler", "cup", "fork", "spoon")
+        assert question.clauses[0].thing not in {c.thing for c in question.clauses[1:]}
+
+
+def test_a_scene_in_which_something_is_pushed_away_is_not_possible(scenes):
+    setting = "breakfast_table/train1"
+    assert scenes.fault_of(setting, "fork plate.left z=2 settle") == ""
+    start, _ = arranged(setting, "fork plate.left z=2 settle")
+    assert scenes.fault_of(setting, "fork slot:front z=0 settle") != "", "the cup stands there"
+    assert start.info.object("cup").slot == "front"
+
+
+@pytest.fixture
+def posed(tmp_path):
+    """A folder with three scenes and the verdicts of the program: y, n, y."""
+    (tmp_path / "hidden").mkdir()
+    rows = [
+        f"{number}\tbeside\tbreakfast_table/L1\tfork\tplate\tleft\t\tPut it.\t?\tfork plate.left settle\t{verdict}\t0\t"
+        for number, verdict in (("001", "y"), ("002", "n"), ("003", "y"))
+    ]
+    (tmp_path / "hidden" / "verdicts.tsv").write_text(HEAD + "\n".join(rows) + "\n")
+    return tmp_path
+
+
+def answers(folder: Path, name: str, *votes: str) -> Path:
+    path = folder / name
+    path.write_text("".join(f"{i:03d}\t{v}\twords\n" for i, v in enumerate(votes, start=1)))
+    return path
+
+
+def test_the_majority_of_the_judges_is_compared_with_the_program(scenes, posed):
+    files = [
+        answers(posed, "1.tsv", "y\tsure", "n\tsure", "n\tsure"),
+        answers(posed, "2.tsv", "y\tsure", "y\tunsure", "n\tsure"),
+        answers(posed, "3.tsv", "n\tsure", "n\tsure", "n\tsure"),
+    ]
+    lines = list(scenes.judge(posed, files))
+    assert (
+        lines[0] == "beside, sure | breakfast_table/L1 | fork > plate | left | fork plate.left settle | yyn | Put it."
+    )
+    assert lines[1].startswith("beside, unsure |")
+    assert lines[2].startswith("# program y, 003: beside, sure |")
+    assert [line.partition(" agree")[0] for line in lines[3:]] == [
+        *("# all: 2/3", "# goals: 2/3", "# sure: 1/2", "# unsure: 1/1")
+    ]
+
+
+def test_an_answer_in_other_words_is_refused(scenes, posed):
+    file = answers(posed, "1.tsv", "yes\tsure", "n\tsure", "n\tsure")
+    with pytest.raises(ValueError, match=r"1\.tsv: scene 001 has \['yes', 'sure'\]; expected y or n"):
+        list(scenes.judge(posed, [file]))
+
+
+def test_an_answer_that_is_missing_is_named(scenes, posed):
+    file = answers(posed, "1.tsv", "y\tsure")
+    with pytest.raises(ValueError, match=r"1\.tsv: no answer for scene 002"):
+        list(scenes.judge(posed, [file]))
