@@ -22,6 +22,7 @@ from betterbench.generation.patterns.fits import (
     require_grasp,
 )
 from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.generation.stated_goal import stated_goal
 from betterbench.sim.assets import Asset, colors, family_of
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -73,7 +74,7 @@ class _Loading:
         (cabinet,) = group(cast, "cabinet", "fixture", 1, 1)
         self.cabinet = replace(cabinet, fixed=True)
         self.upper, self.lower = _drawers(cast, self.cabinet)
-        self.items = group(cast, "items", "item", 2, 2)
+        self.items = self._ordered(group(cast, "items", "item", 2, 2))
         self.bystanders = group(cast, "distractors", "distractor", 0, 1)
         for item in self.items:
             _require_fit(item, self.cabinet, (self.upper, self.lower))
@@ -89,6 +90,13 @@ class _Loading:
             {first: left_back, second: left_front, self.cabinet: CABINET_BACK, **self.around},
             {first: right_front, second: right_back, self.cabinet: CABINET_FRONT, **self.around},
         )
+
+    def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
+        """Return the items with the one for the upper drawer first, as the instruction of the scenario states it."""
+        stated = stated_goal(self.cast.scenario).regions
+        first, second = items
+        exchanged = stated.get(first.name) == "lower" or stated.get(second.name) == "upper"
+        return (second, first) if exchanged else items
 
     def load(self, *steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
         """Return the instruction to put objects into drawers and to close these."""
