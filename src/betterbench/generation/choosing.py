@@ -95,7 +95,7 @@ _SYNONYMS: dict[str, str] = {
     "speaker": "loudspeaker",
     "spice_jar": "spice jar, jar, spice",
     "spice_rack": "spice rack",
-    "takeaway_box": "box, takeaway box, food box",
+    "takeaway_box": "box, takeout box, take away box, food box",
     "tape_roll": "tape roll, roll of tape",
     "tumbler": "tumbler, drinking glass",
     "upper_drawer": "drawer, top drawer",

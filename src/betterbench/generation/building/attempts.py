@@ -10,7 +10,8 @@ import dataclasses
 from dataclasses import dataclass
 
 from betterbench.errors import BetterError, one_line
-from betterbench.generation.building.casting import Choice, cast_of
+from betterbench.generation.building.casting import cast_of
+from betterbench.generation.building.choice import Choice
 from betterbench.generation.building.proving import Proof, prove, provisional, without
 from betterbench.generation.building.result import Attempt, Failure, Settings
 from betterbench.generation.patterns import GeneratedTask, pattern_of

@@ -8,12 +8,8 @@ from dataclasses import replace
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.patterns.fits import (
-    BYSTANDER_M,
+from betterbench.generation.measures import (
     assets_of,
-    group,
-    in_order,
-    look_alikes,
     mm,
     radius_below,
     refused,
@@ -21,7 +17,9 @@ from betterbench.generation.patterns.fits import (
     require_footprint,
     require_grasp,
 )
+from betterbench.generation.patterns.draft import in_order
 from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.generation.patterns.roles import BYSTANDER_M, group, standing_look_alikes
 from betterbench.generation.stated_goal import stated_goal
 from betterbench.sim.assets import Asset, colors, family_of
 from betterbench.tasks import authoring as a
@@ -80,7 +78,7 @@ class _Loading:
             _require_fit(item, self.cabinet, (self.upper, self.lower))
         for other in self.bystanders:
             require_footprint(other, BYSTANDER_M, "The place beside the slots")
-        self.alike = look_alikes(cast, self.items)
+        self.alike = standing_look_alikes(cast, self.items)
         self.around = dict.fromkeys(self.bystanders, ASIDE)
         first, second = self.items
         yaw = TURNED if any(map(_has_corners, self.items)) else 0.0

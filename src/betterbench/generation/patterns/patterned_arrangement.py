@@ -12,9 +12,11 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_usable
-from betterbench.generation.patterns.draft import Draft, first_that_fits, in_role, look_alikes_of
+from betterbench.generation.layout import Table
+from betterbench.generation.measures import footprint, require_usable
+from betterbench.generation.patterns.draft import Draft, first_that_fits
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
+from betterbench.generation.patterns.roles import in_role, look_alikes_of
 from betterbench.generation.stated_goal import stated_goal
 from betterbench.sim.assets import build
 from betterbench.tasks import authoring as a
@@ -117,7 +119,7 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three are needed"
         cure = "Choose three, so that known objects and sides can be combined in a new way"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_usable("items", items)
+    require_usable(items)
     stated = stated_goal(cast.scenario).regions
     for spec in (o for o in items if stated.get(o.name, sides[0]) not in sides):
         _refuse_side(spec, stated[spec.name])

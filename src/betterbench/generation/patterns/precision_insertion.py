@@ -8,22 +8,20 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from betterbench.generation.cast import Cast
-from betterbench.generation.patterns.fits import (
-    BYSTANDER_M,
+from betterbench.generation.measures import (
     assets_of,
-    group,
-    in_order,
-    look_alikes,
     mm,
     radius_below,
     refused,
     region_of,
     require_footprint,
     require_grasp,
-    words_of,
 )
+from betterbench.generation.patterns.draft import in_order
 from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.generation.patterns.roles import BYSTANDER_M, group, standing_look_alikes
 from betterbench.generation.stated_goal import stated_goal
+from betterbench.generation.wording import words_and_noun
 from betterbench.sim.assets import Asset, categories, colors
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -69,8 +67,8 @@ class _Insertion:
             _require_fit(item, self.rack)
         for other in self.bystanders:
             require_footprint(other, BYSTANDER_M, "The place beside the slots")
-        self.alike = look_alikes(cast, self.items)
-        self.words, _ = words_of(self.items)
+        self.alike = standing_look_alikes(cast, self.items)
+        self.words, _ = words_and_noun(self.items)
         self.around = {self.rack: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
         self.layout = {**dict(zip(self.items, (FIRST, SECOND, THIRD), strict=True)), **self.around}
 

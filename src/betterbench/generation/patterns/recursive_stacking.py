@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_usable
-from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of
+from betterbench.generation.layout import Table
+from betterbench.generation.measures import footprint, require_usable
+from betterbench.generation.patterns.draft import Draft
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
+from betterbench.generation.patterns.roles import in_role, look_alikes_of
 from betterbench.generation.stated_goal import stated_goal
 from betterbench.generation.wording import words_of
 from betterbench.tasks import authoring as a
@@ -63,7 +65,7 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     if len(plates) != 3:
         problem = f"has {len(plates)} objects, three are needed"
         raise InvalidInputError("cast group 'plates'", problem, "Choose three, so that a stack can grow")
-    require_usable("plates", plates)
+    require_usable(plates)
     onto = stated_goal(cast.scenario).onto
     carried = {upper for upper, _ in onto}
     free = [o for o in plates if o.name not in carried] or plates

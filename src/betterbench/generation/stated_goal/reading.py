@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from betterbench.generation.layout import footprint
+from betterbench.generation.measures import footprint
 from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.generation.sentence_words import (
     DETERMINERS,
