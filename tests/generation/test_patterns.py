@@ -9,7 +9,14 @@ import re
 from collections import Counter
 
 import pytest
-from tests.generation.casts import CASTS, LOGICAL_ASSEMBLY, LOOSE_PACKING, PATTERNED_ARRANGEMENT, RECURSIVE_STACKING
+from tests.generation.casts import (
+    CASTS,
+    LOGICAL_ASSEMBLY,
+    LOOSE_PACKING,
+    PATTERNED_ARRANGEMENT,
+    RECURSIVE_STACKING,
+    TRAY,
+)
 from tests.generation.casts import SUITE_CASTS as OF_SUITE
 from tests.generation.trying import certified, finished
 from tests.looping import each
@@ -237,6 +244,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
             "red round block.*layer 2 lies .* differs by at most 5 mm",
         ),
         (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, LEMON, ROUND), "nothing can lie on a lemon"),
+        (smaller(LOGICAL_ASSEMBLY[0], "base", TRAY), "patty.*the fingers come within 3.6 mm of the plate"),
         (smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2]), "has 2 objects"),
         (
             smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], ROUND),

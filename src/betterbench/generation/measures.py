@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
@@ -18,12 +18,17 @@ from betterbench.sim.assets import Asset, CollisionPart, build, looks, unseen_lo
 from betterbench.sim.assets.authoring.registry import Generator, generator_of
 from betterbench.sim.robots import PANDA
 from betterbench.tasks.condition import ObjectSpec
+from betterbench.tasks.relations.placing import RELEASE_GAP_M
 
 WIDEST_GRASP_M = PANDA.gripper_opening_m - 0.006
 """Largest width of an object between the pads [m]: the opening of the gripper, less 3 mm on each side."""
 LOW_M = 0.009
 """Least height of a grasp above the foot of an object [m]: at 9.8 mm (rolls of tape) the expert finds free grasps, at
 5.5 mm (thin stacks of napkins) the fingers touch the table (measured)."""
+FINGER_M = (0.015, 0.010)
+"""Thickness of a finger at its tip, outward from the pad, and half of its width [m], from Franka's public model."""
+CLEAR_M = 0.004
+"""Distance of the fingers from everything but the object that they hold, which the expert's planner keeps [m]."""
 SEEN_M = 0.050
 """Least apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
 
@@ -237,3 +242,54 @@ def _corners(part: CollisionPart) -> list[Vector]:
 
 def _stands_upright(part: CollisionPart) -> bool:
     return abs(rotate(part.quaternion, (0.0, 0.0, 1.0))[2]) > 0.999
+
+
+def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
+    """Check that the open fingers stay clear of a support, such as the rim of a plate, when an object is put on it.
+
+    The object stands in the middle of the region "top". The fingers may point in any direction, so only the distance
+    from the middle counts.
+
+    Raises:
+        InvalidInputError: If the fingers would come too close to a look of the support.
+    """
+    held = min(max((g.pose.position[2] for g in asset.grasps), default=0.0) for asset in assets_of(spec))
+    near, far = 0.5 * PANDA.gripper_opening_m, math.hypot(0.5 * PANDA.gripper_opening_m + FINGER_M[0], FINGER_M[1])
+    for asset in assets_of(support):
+        tip = region_of(support, asset, "top").position[2] + RELEASE_GAP_M + held - PANDA.tip_below_tcp_m
+        surface = _height_between(asset, near, far)
+        if tip - surface < CLEAR_M:
+            problem = (
+                f"is held so low that the fingers come within {mm(max(0.0, tip - surface))} of the {support.kind} "
+                f"(look {asset.look})"
+            )
+            cure = f"They need {mm(CLEAR_M)}; choose a thicker object, or a support without a rim"
+            raise refused(spec, problem, cure)
+
+
+def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
+    """Return the largest height of an asset's collision shape at these distances from its axis [m]."""
+    points = (point for part in asset.collision for point in _surface(part))
+    return max((z for x, y, z in points if near_m <= math.hypot(x, y) <= far_m), default=0.0)
+
+
+def _surface(part: CollisionPart) -> Iterator[tuple[float, float, float]]:
+    """Yield points of the upper and lower face of a box or a cylinder, and the corners of other shapes [m]."""
+    steps = [i / 20.0 for i in range(-20, 21)]
+    if part.shape == "box":
+        x, y, z = part.size[:3]
+        points = [(x * u, y * v, side) for u in steps for v in steps[::5] for side in (-z, z)]
+    elif part.shape == "cylinder":
+        radius, half = part.size[:2]
+        around = [math.pi * step for step in steps]
+        points = [
+            (radius * r * math.cos(t), radius * r * math.sin(t), side)
+            for r in steps[20:]
+            for t in around[::5]
+            for side in (-half, half)
+        ]
+    else:
+        points = _corners(part)
+    for point in points:
+        px, py, pz = map(sum, zip(part.position, rotate(part.quaternion, point), strict=True))
+        yield px, py, pz

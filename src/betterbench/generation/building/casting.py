@@ -98,20 +98,20 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     for group in template.groups:
         for i, described in enumerate(scenario.groups.get(group.group_id, ())):
             taken = {(choice.entry.category, choice.entry.color) for choice in found}
-            fitting, passed = _fitting(described, group, template, catalogue, taken)
-            if not fitting:
+            suiting, passed = fitting(described, group, template, catalogue, taken)
+            if not suiting:
                 shown = "; ".join(passed[:3]) or "the search finds nothing"
                 raise InvalidInputError(
                     f"instantiation.{group.group_id}[{i}]",
                     f"no asset suits {described.asset_query!r} ({shown})",
                     "Describe another object, or import one with --asset-dir",
                 )
-            hit = fitting[attempt % len(fitting)]
+            hit = suiting[attempt % len(suiting)]
             found.append(Choice(group.group_id, described, hit.entry, round(hit.score, 4), tuple(passed[:3])))
     return found
 
 
-def _fitting(
+def fitting(
     described: DescribedObject,
     group: ObjectGroup,
     template: Template,
@@ -125,19 +125,19 @@ def _fitting(
     hits = [hit for hit in found if hit.score >= LEAST_SCORE]
     colored = [hit for hit in hits if hit.entry.color in wanted]
     passed: list[str] = []
-    fitting: list[Hit] = []
+    suiting: list[Hit] = []
     for hit in colored or hits:
         known = (hit.entry.category, hit.entry.color) in taken
         problem = "it is in the scene already" if known else unsuitable(asset_of(hit.entry), group, template)
-        problem = _name_problem(described.asset_query, hit.entry) or problem or _size_problem(described, hit.entry)
+        problem = name_problem(described.asset_query, hit.entry) or problem or _size_problem(described, hit.entry)
         if problem:
             passed.append(f"{hit.entry.id}: {problem}")
-        elif not fitting or hit.score >= _ALMOST * fitting[0].score:
-            fitting.append(hit)
-    return fitting, passed
+        elif not suiting or hit.score >= _ALMOST * suiting[0].score:
+            suiting.append(hit)
+    return suiting, passed
 
 
-def _name_problem(query: str, entry: CatalogueEntry) -> str:
+def name_problem(query: str, entry: CatalogueEntry) -> str:
     """Return a message if a word of a query, apart from adjectives, fits neither the names nor the text of an asset."""
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
