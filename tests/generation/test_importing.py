@@ -53,7 +53,7 @@ def test_an_object_that_the_library_lacks_is_imported_from_the_catalogue_of_the_
     meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(attempts_module, "prove", proven(failing(), []))
-    first, *others = PACKING.groups["items"]
+    _, *others = PACKING.groups["items"]
     scenario = dataclasses.replace(PACKING, groups={**PACKING.groups, "items": (ERASER, *others)})
     told: list[ImportedMeshes] = []
 
@@ -89,7 +89,7 @@ def test_a_mesh_that_fails_its_certificate_is_named_with_the_check(meshes: Path,
     trimesh.creation.box((0.005, 0.005, 0.9)).export(tmp_path / "poles" / "pole.glb")
     options = SourceOptions(name="poles", license="CC0 1.0")
     index_sources(meshes, [open_source(str(tmp_path / "poles"), options)], on_progress=lambda *_: None)
-    first, *others = PACKING.groups["items"]
+    _, *others = PACKING.groups["items"]
     scenario = dataclasses.replace(PACKING, groups={**PACKING.groups, "items": (big, *others)})
     told: list[ImportedMeshes] = []
     result = build_suite([scenario], tmp_path / "out", name="mine", meshes=meshes, on_import=told.append).results[0]

@@ -68,6 +68,7 @@ class Reader:
         self.role_of = {
             o.instance_name: self.roles.get(g, "item") for g, objects in scenario.groups.items() for o in objects
         }
+        self.surfaces = SURFACES | frozenset(terms(scenario.context))
         self.raw = raw_tokens(scenario.instruction)
         self.tokens = sentence_tokens(scenario.instruction)
         self.mentions = {mention.at: mention for mention in self._mentions()}
@@ -140,7 +141,7 @@ class Reader:
                 if not self._is_idiom(at, meaning, place):
                     words = " ".join(self.raw[at : at + length])
                     yield Said(words, meaning, tuple(pending), target, place, position)
-                    if place not in SURFACES:
+                    if place not in self.surfaces:
                         pending = []
                 at = end
             elif self.tokens[at] in ("with", "put", "place", "set"):
@@ -202,7 +203,7 @@ class Reader:
 
     def is_on_surface(self, said: Said) -> bool:
         """Return whether a relation only states that something is on the table."""
-        return said.target is None and said.place in SURFACES and said.meaning in ("on", "in", "at", "from")
+        return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
 
     def receiver(self, said: Said) -> bool:
         """Return whether the target is a container, a fixture or a drawer, or a pronoun for one."""
