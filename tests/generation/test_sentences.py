@@ -34,6 +34,8 @@ ACCEPTED = [
     ("Put the spoon to the left of the plate", INSTRUCTION, {"spoon": "left"}),
     ("Put the glass at the upper right of the plate", INSTRUCTION, {"tumbler": "upper_right"}),
     ("Put the mug next to the laptop", INSTRUCTION, {"mug": None}),
+    ("Set the mug close to the laptop", INSTRUCTION, {"mug": None}),
+    ("Put a mug left of the black laptop and a speaker right of it", INSTRUCTION, {"mug": "left", "speaker": "right"}),
     ("Set the table for breakfast around the plate", INSTRUCTION, {"fork": "left", "spoon": "right"}),
     ("Arrange the mug, the mouse and the speaker around the laptop", REWORDED, {"mug": None, "speaker": None}),
     # into a container
@@ -145,6 +147,11 @@ REFUSED = [
     ("Stack the plates sideways", "sideways"),
     ("Put the apple into the lunchbox and close it", "close"),
     ("Open the drawer and put the stapler into it", "open"),
+    ("Put the top bun on the bottom bun", "on"),
+    ("Close both drawers of the cabinet", "Close"),
+    ("Put the stapler into the second drawer", "second"),
+    ("Move the mug away from the laptop", "away from"),
+    ("Put a salt jar in every hole of the rack", "every"),
     # words that are not read
     ("Put the mug upside down next to the plate", "upside"),
     ("Put the mug next to the laptop with its handle to the right", "handle"),
@@ -152,6 +159,10 @@ REFUSED = [
     ("Put the banana into the lunchbox", "banana"),
     ("Put the purple mug on the ring of the coffee machine", "purple"),
     ("Unpack the lunchbox", "unpack"),
+    ("Build a pyramid of blocks on the plate", "pyramid"),
+    ("Sort the fruit into the lunchbox by color", "sort"),
+    ("Swap the mug and the mouse next to the laptop", "swap"),
+    ("Quickly pack the apple into the lunchbox", "quickly"),
     ("Wash the apple and put it into the lunchbox", "wash"),
     ("Turn on the laptop and put the mug next to it", "turn"),
     ("Put the stapler into the drawer and leave it open", "leave"),
@@ -201,7 +212,7 @@ def test_the_built_goal_is_the_stated_one(catalogue, sentence, is_instruction, g
 
 @pytest.mark.parametrize(("sentence", "word"), REFUSED, ids=[s for s, _ in REFUSED])
 def test_a_goal_that_no_pattern_holds_is_refused_with_its_word(sentence, word):
-    with pytest.raises(InvalidInputError, match=re.escape(word)) as caught:
+    with pytest.raises(InvalidInputError, match=f"(?i){re.escape(word)}") as caught:
         scenarios_about(sentence, 1)
     assert "\n" not in str(caught.value)
 

@@ -44,7 +44,7 @@ shelf coffee tea clutter workstation service seasoning spout tray
 PLACES = frozenset(_PLACES_WORDS.split())
 """Heads of noun phrases that name a place, an occasion or objects in general."""
 _RESULTS_WORDS = """
-sandwich burger cheeseburger hamburger tower taco cake pyramid club slider
+sandwich burger cheeseburger hamburger tower taco cake club slider
 """
 RESULTS = frozenset(_RESULTS_WORDS.split())
 """Nouns for what layers make."""

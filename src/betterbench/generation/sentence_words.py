@@ -21,7 +21,7 @@ COUNTS = frozenset(_COUNTS_WORDS.split())
 """Words for numbers of objects that a scene does not have, or that are not exact."""
 _STOPS_WORDS = """
 in into inside onto on to of for from with without at by beside next near around behind under over between left and
-or so that as away up out down off back together neatly carefully , . : ( ) % is are go belong
+or so that as away up out down off back together neatly carefully gently close too , . : ( ) % is are go belong
 """
 STOPS = frozenset(_STOPS_WORDS.split())
 """Words that end a noun phrase."""

@@ -9,41 +9,56 @@ from betterbench.generation.stated_goal.reading import Mention, Reader
 from betterbench.generation.stated_goal.relations import AGAIN, CHOICES, COMPARED, NEGATIONS, OPEN, ORDER, POSES, THEN
 from betterbench.generation.vocabulary import COLLECTIVES
 
+_LOADS = frozenset({"in", "into", "inside"})
 _MAY_CHAIN = ("loose_packing", "logical_assembly")
 """Templates with an order in which objects are named. Their training conditions have two objects that change."""
 
 
+_NEVER = (
+    (NEGATIONS, "no goal leaves something out"),
+    (CHOICES, "a goal has no choice and no condition"),
+    (AGAIN, "a step is not repeated"),
+)
+_UNLESS_DESCRIBED = (
+    (POSES, "no pose of an object is judged"),
+    (OPEN, "nothing is opened or left open"),
+)
+
+
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words that state a negation, a choice, an order or a pose."""
-    template = r.scenario.template
+    """Yield the words that state a negation, a choice, an order, a pose or a number of nothing, with the reason."""
     described = frozenset().union(*map(words_of_object, r.objects.values()))
     items = [m for m in r.mentions.values() if r.is_item(m)]
     for i, word in enumerate(r.tokens):
-        raw = r.raw[i]
-        if i in r.taken and word not in COMPARED:
+        if word in COMPARED:
+            yield r.raw[i], "objects are told apart by kind and color"
+        if i in r.taken:
             continue
-        if word in NEGATIONS:
-            yield raw, "no goal leaves something out"
-        elif word in CHOICES:
-            yield raw, "a goal has no choice and no condition"
-        elif word in AGAIN:
-            yield raw, "a step is not repeated"
-        elif word in COMPARED:
-            yield raw, "objects are told apart by kind and color"
-        elif word in POSES and word not in described:
-            yield raw, "no pose of an object is judged"
-        elif word in OPEN and word not in described:
-            yield raw, "nothing is opened or left open"
-        elif word == "close" and template != "container_loading" and r.tokens[i + 1 : i + 2] != ["to"]:
-            yield raw, "nothing is closed there"
-        elif (word in THEN or word in ORDER or word == "first") and not _order_is_held(r, i, items):
-            yield raw, "the goal has no such order"
-        elif raw in NUMBERS and not _counts_a_noun(r, i):
-            yield raw, "it is the number of nothing in the goal"
-        elif raw.isdigit() and raw not in NUMBERS:
-            yield raw, "a scene has up to four objects of a kind"
-        elif word in COUNTS and word not in NUMBERS:
-            yield raw, "a scene has up to four objects of a kind, and their number must be said"
+        reasons = [reason for words, reason in _NEVER if word in words]
+        reasons += [reason for words, reason in _UNLESS_DESCRIBED if word in words and word not in described]
+        reasons += [reason for reason in (_closing(r, i), _number(r, i)) if reason]
+        if (word in THEN or word in ORDER or word == "first") and not _order_is_held(r, i, items):
+            reasons.append("the goal has no such order")
+        yield from ((r.raw[i], reason) for reason in reasons)
+
+
+def _closing(r: Reader, at: int) -> str:
+    """Return a reason if a word closes something that is not a drawer, or a drawer into which nothing is put."""
+    if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
+        return ""
+    if r.scenario.template != "container_loading":
+        return "nothing is closed there"
+    return "" if _LOADS & set(r.tokens) else "a drawer is closed after something was put into it"
+
+
+def _number(r: Reader, at: int) -> str:
+    """Return a reason if a word is a number that no scene has, or that counts nothing."""
+    raw = r.raw[at]
+    if raw in NUMBERS:
+        return "" if _counts_a_noun(r, at) else "it is the number of nothing in the goal"
+    if raw.isdigit() or r.tokens[at] in COUNTS:
+        return "a scene has up to four objects of a kind, and their number must be said"
+    return ""
 
 
 def _counts_a_noun(r: Reader, at: int) -> bool:

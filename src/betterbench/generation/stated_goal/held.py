@@ -107,7 +107,9 @@ def _assembled(r: Reader, said: Said, _regions: object, _onto: object) -> Iterat
     if said.meaning == "from" and said.target is not None and r.is_item(said.target):
         return  # "a burger from patty, cheese and lettuce"
     if said.meaning == "on" and r.receiver(said):
-        yield r.moved(said)
+        alone = said.subjects[0] if len(said.subjects) == 1 else None
+        last = alone is not None and r.tokens[alone.at : alone.end] == ["top", "bun"]
+        yield "a top bun lies on other layers" if last else r.moved(said)
     elif said.meaning == "on" and said.target is not None:
         yield f"the order of the layers is drawn, so nothing is sure to lie on the {r.raw[said.target.end - 1]}"
     else:
