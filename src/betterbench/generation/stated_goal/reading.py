@@ -38,7 +38,14 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 
 @dataclass(frozen=True, slots=True)
 class Mention:
-    """Noun of an instruction with the objects that it may mean, and their number (0 if it does not say)."""
+    """Noun of an instruction.
+
+    Attributes:
+        at: Place of its first word among the tokens.
+        end: Place after its last word.
+        objects: Names of the objects that it may mean.
+        number: Stated number of objects, 2 for a plural without a number, otherwise 0.
+    """
 
     at: int
     end: int
@@ -48,7 +55,16 @@ class Mention:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """One relation of an instruction. A target is a mention, a place ("table") or missing."""
+    """Relation that an instruction states.
+
+    Attributes:
+        words: Its words ("to the left of").
+        meaning: Its meaning ("left").
+        subjects: Nouns before it that have no relation yet.
+        target: Noun after it, None for a place or without a target.
+        place: Place after it ("table", "ring"), or "it" for a pronoun; empty if there is none.
+        position: Word before "hole" ("left"), or a part of the target ("ring").
+    """
 
     words: str
     meaning: str
@@ -59,7 +75,15 @@ class Said:
 
 
 class Reader:
-    """Words of an instruction, with the objects that they mean."""
+    """Words of an instruction, with the objects that they mean.
+
+    Attributes:
+        objects: Objects of the scenario by name, and ``role_of`` their roles.
+        surfaces: Places on which all objects stand.
+        raw: Words as written, in small letters, and ``tokens`` in the singular.
+        mentions: Nouns by the place of their first word; ``taken`` are the places of all their words.
+        positions: Places of words such as "left" that belong to no relation; :meth:`relations` finds them.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -162,7 +186,7 @@ class Reader:
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
 
     def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
-        """Return whether the words of a relation state none: "to go", "put away in", "by hand"."""
+        """Return whether the words of a relation state none: "to go", "in one pile"."""
         following = self.tokens[at + 1] if at + 1 < len(self.tokens) else ""
         return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
 
