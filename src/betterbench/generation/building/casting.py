@@ -7,6 +7,7 @@ for the relation of the template, an item a grasp that fits the gripper.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
@@ -16,7 +17,7 @@ from betterbench.generation.building.names import SYNONYMS, kinds_of
 from betterbench.generation.cast import Cast
 from betterbench.generation.measures import WIDEST_GRASP_M
 from betterbench.generation.scenario import DescribedObject, Scenario
-from betterbench.sim.assets import Asset, colors
+from betterbench.sim.assets import Asset, build, categories, colors
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
@@ -46,13 +47,6 @@ striped sturdy tall thick thin tiny typical unopened whole wide wooden
 ADJECTIVES = frozenset(_ADJECTIVES.split())
 """Words of a query that describe an object and do not name it."""
 
-_PROPERTIES = """
-adhesive appliance audio bathroom beef breakfast chips cleaning coffee desk fixture food furniture glass
-medicine metal office paper pharmacy plain plastic salad steel stationery trash typing wood
-"""
-PROPERTIES = frozenset(tuple(terms(word)) for word in _PROPERTIES.split())
-"""Tags with a material, a place or a use, which are no names of the object: "glass" of a jar, "desk" of a mouse.
-"chips" are potato chips in American English, and no fries."""
 _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several", "six", "three", "two"})
 """Words of a query for several objects."""
 
@@ -155,19 +149,25 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
     return ""
 
 
+@functools.cache
+def _traits() -> frozenset[tuple[str, ...]]:
+    """Return the tags of the library that name a material, a place or a use, as terms: "glass" of a jar."""
+    return frozenset(tuple(terms(tag)) for category in categories() for tag in build(category).traits)
+
+
 def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
     return word in f"{entry.name} {' '.join(entry.tags)}".lower().split()
 
 
 def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
-    """Return tags as terms, without those that only name a property."""
-    return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - PROPERTIES)
+    """Return tags as terms, without those that only name a trait."""
+    return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - _traits())
 
 
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
     """Return whether a single word or a synonym of it is the last word of an asset's name, or a tag that names it."""
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
-    if word in names or word in PROPERTIES:
+    if word in names or word in _traits():
         return word in names
     synonyms = {phrase for concept in understood(word[0]).concepts for phrase, _ in concept.alternatives}
     return bool((synonyms - {word}) & (names | {tuple(terms(entry.name))}))
