@@ -16,7 +16,8 @@ from betterbench.generation.asking import ExchangeFile, KeptChat, ask_for_scenar
 from betterbench.generation.asking.author import without_fence
 from betterbench.generation.asking.prompt import SYSTEM, scenario_messages
 from betterbench.generation.folder import GenerateSettings, generate_scenarios
-from betterbench.generation.grammar import nouns_of_library
+from betterbench.generation.grammar import nouns_of_library, write_scenarios
+from betterbench.generation.scenario_form import answer_to_json
 from betterbench.tasks.authoring.template_form import template_to_json
 from betterbench.tasks.authoring.templates import LOOSE_PACKING, TEMPLATES
 from betterbench.vqa.llm import ChatEndpoint, ScriptedChat
@@ -164,6 +165,47 @@ def test_the_objects_of_a_sentence_must_be_there(tmp_path):
         "instantiation: the request names a lemon, which is not among the objects. Add it."
         in model.asked[-1][-1]["content"]
     )
+
+
+DESK = next(s for s in write_scenarios("patterned_arrangement", 7) if s.groups["anchor"][0].tags[0] == "laptop")
+
+
+def desk(instruction):
+    """Return an answer with a laptop and three objects."""
+    return text({**answer_to_json(DESK), "instruction": instruction})
+
+
+def arranged(model, folder, **options):
+    with ExchangeFile(folder / "exchanges.jsonl") as file:
+        return ask_for_scenarios("patterned_arrangement", KeptChat(file, model), 1, **options)
+
+
+@pytest.mark.parametrize(
+    ("instruction", "said"),
+    [
+        ("Arrange the items in front of the laptop.", "asks for 'in front of'.*left, right, and behind a laptop"),
+        ("Arrange the items around the laptop without touching it.", "asks for 'without'"),
+        ("Arrange the items between the laptop and the edge.", "asks for 'between'"),
+        ("Arrange five items around the laptop.", "asks for 'five'"),
+    ],
+)
+def test_an_instruction_of_a_model_with_another_goal_goes_back_with_the_word(tmp_path, instruction, said):
+    model = Model(desk(instruction), desk("Arrange the items around the laptop."))
+    found = arranged(model, tmp_path)
+    assert [s.instruction for s in found.scenarios.values()] == ["Arrange the items around the laptop."]
+    assert re.search(said, lines_of(tmp_path / "exchanges.jsonl")[0]["verdict"])
+
+
+def test_a_place_of_the_request_must_be_in_the_instruction_of_a_model(tmp_path):
+    name = DESK.groups["items"][0].instance_name.replace("_", " ")
+    wanted = f"Put the {name} to the left of the laptop."
+    model = Model(desk("Arrange the items around the laptop."), desk(wanted))
+    found = arranged(model, tmp_path, sentence=wanted)
+    assert [s.instruction for s in found.scenarios.values()] == [wanted]
+    assert "lacks a place that the request states" in lines_of(tmp_path / "exchanges.jsonl")[0]["verdict"]
+    (tmp_path / "no").mkdir()
+    impossible = arranged(Model(desk(wanted)), tmp_path / "no", sentence=f"Put the {name} in front of the laptop.")
+    assert "the request asks for 'in front of'" in impossible.refused[0].problem
 
 
 def test_a_model_chooses_the_template_and_a_wrong_one_goes_back(tmp_path):

@@ -162,6 +162,13 @@ def test_objects_without_a_name_of_their_own_do_not_stop_the_other_scenarios(bui
     assert "is also the name of" in built.results[0].attempts[0].reason
 
 
+def test_an_instruction_that_asks_for_another_goal_is_refused_without_an_attempt(build) -> None:
+    false = dataclasses.replace(PACKING, instruction="Put the apple on top of the lunchbox.")
+    built, runs = build([false], failing())
+    assert not runs
+    assert "asks for 'on top of'" in built.results[0].attempts[0].reason
+
+
 def test_an_object_with_the_name_of_a_slot_does_not_stop_the_other_scenarios(build) -> None:
     built, _ = build([PACKING], failing())
     slot = built.results[0].task["slots"][0]["name"]
@@ -240,7 +247,7 @@ def test_no_text_of_a_scenario_is_markup_on_the_page_or_a_name_of_a_file(
     if not certified:
         said = (dataclasses.replace(said[0], asset_query=evil), *said[1:])
     scenario = dataclasses.replace(
-        PACKING, name=evil, instruction=evil, context=evil, groups={**PACKING.groups, "items": said}
+        PACKING, name=evil, instruction=re.sub(r"\d", "", evil), context=evil, groups={**PACKING.groups, "items": said}
     )
     built, _ = build([scenario], failing())
     assert built.results[0].certified == certified

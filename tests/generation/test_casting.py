@@ -140,6 +140,13 @@ def test_a_can_and_a_lunchbox_of_one_color_have_different_names(catalogue: Catal
     assert [spec.kind for specs in cast.groups.values() for spec in specs] == ["lunchbox", "can"]
 
 
+@pytest.mark.parametrize("query", ["takeaway box", "takeout box", "white takeout box"])
+def test_the_box_of_fast_food_is_found_by_both_of_its_names(catalogue: Catalogue, query: str) -> None:
+    assert catalogue.search(query, limit=1)[0].entry.category == "takeaway_box"
+    cast, _ = cast_of(packing(described("a lemon", "lemon", "x"), container=query), catalogue)
+    assert cast.one("container").category == "takeaway_box"
+
+
 def test_a_noun_that_fits_two_objects_gives_way_to_the_longer_one(catalogue: Catalogue) -> None:
     both = packing(described("a blue drink cup", "drink cup", "x"), described("a blue soda can", "soda can", "y"))
     assert [spec.kind for spec in cast_of(both, catalogue)[0].groups["items"]] == ["drink cup", "soda can"]

@@ -9,7 +9,14 @@ import re
 from collections import Counter
 
 import pytest
-from tests.generation.casts import CASTS, LOGICAL_ASSEMBLY, LOOSE_PACKING, PATTERNED_ARRANGEMENT, RECURSIVE_STACKING
+from tests.generation.casts import (
+    CASTS,
+    LOGICAL_ASSEMBLY,
+    LOOSE_PACKING,
+    PATTERNED_ARRANGEMENT,
+    RECURSIVE_STACKING,
+    TRAY,
+)
 from tests.generation.casts import SUITE_CASTS as OF_SUITE
 from tests.generation.trying import certified, finished
 from tests.looping import each
@@ -19,7 +26,6 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.generation.cast import Cast
 from betterbench.generation.layout import crowding
 from betterbench.generation.patterns import PATTERNS, GeneratedTask, pattern_of
-from betterbench.generation.wording import is_countable, plural
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.framing import MARGIN_M, VISIBLE, FramingView, least_margin_m
@@ -27,6 +33,7 @@ from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, get_task, task_from_json, task_to_json, training_distribution_of
 from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.interventions import vary
+from betterbench.tasks.words import is_countable, plural
 
 COLORS = frozenset({"red", "green", "blue", "yellow", "white"})
 PATTERNS_HERE = ("logical_assembly", "loose_packing", "patterned_arrangement", "recursive_stacking")
@@ -220,9 +227,9 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
     [
         (smaller(LOOSE_PACKING[0], "items", LEMON, FORK), "items.*has 2 objects, three or four are needed"),
         (smaller(LOOSE_PACKING[2], "container"), "container.*has 0 objects"),
-        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, KEYBOARD), "keyboard.*cannot grasp the keyboard"),
+        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, KEYBOARD), "keyboard.*has no grasp"),
         (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, CAN), "can is up to .* mm high; .* Choose a smaller object"),
-        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, NAPKINS), "napkins.*the grasp is 6 mm above the table"),
+        (smaller(LOOSE_PACKING[0], "items", LEMON, CHEESE, NAPKINS), "napkins.*is held 5.5 mm above the table"),
         (smaller(LOOSE_PACKING[0], "container", BUN), "bottom bun.*no region 'inside'"),
         (
             smaller(LOOSE_PACKING[0], "items", *LOOSE_PACKING[2].groups["items"]),
@@ -237,6 +244,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
             "red round block.*layer 2 lies .* differs by at most 5 mm",
         ),
         (smaller(LOGICAL_ASSEMBLY[0], "layers", CHEESE, LEMON, ROUND), "nothing can lie on a lemon"),
+        (smaller(LOGICAL_ASSEMBLY[0], "base", TRAY), "patty.*the fingers come within 3.6 mm of the plate"),
         (smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2]), "has 2 objects"),
         (
             smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], ROUND),

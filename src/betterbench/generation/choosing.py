@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 from betterbench.generation.grammar.author import Wanted, grammar_of, theme_words, write_scenarios
 from betterbench.generation.grammar.nouns import capitalized, phrase_of
 from betterbench.generation.grammar.theme import GRAMMARS, Grammar, Kind
-from betterbench.generation.instruction_sense import (
-    PLACES,
-    RESULTS,
-    VERBS,
+from betterbench.generation.instruction_sense import PLACES, RESULTS, VERBS, instruction_problems
+from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.generation.scenario_form import LONGEST_INSTRUCTION, plain_text
+from betterbench.generation.sentence_words import (
+    NUMBERS,
+    STOPS,
     color_before,
-    instruction_problems,
+    is_plural_form,
+    number_before,
     phrase_heads,
+    raw_tokens,
     sentence_tokens,
 )
-from betterbench.generation.scenario import Scenario
-from betterbench.generation.scenario_form import LONGEST_INSTRUCTION, plain_text
+from betterbench.generation.stated_goal import READ_WORDS, example_about, goal_problems, stated_goal
 from betterbench.generation.vocabulary import COLLECTIVES, known_nouns
 from betterbench.sim.assets.catalogue.expansion import COLORS
 from betterbench.sim.assets.catalogue.terms import terms
@@ -40,8 +44,8 @@ WEIGHTS: dict[str, dict[str, int]] = {
         decides="lunchbox box bin bag basket trash garbage", hints="pack throw toss into lunch picnic takeout takeaway"
     ),
     "patterned_arrangement": _weighted(
-        decides="laptop fork spoon cutlery around beside next",
-        hints="left right behind arrange lay set table breakfast",
+        decides="laptop fork spoon cutlery around beside next left right",
+        hints="behind upper arrange lay set table breakfast",
     ),
     "constrained_positioning": _weighted(decides="machine ring spout espresso", hints="coffee mug cup mark under"),
     "container_loading": _weighted(decides="drawer cabinet", hints="store file close into"),
@@ -91,7 +95,7 @@ _SYNONYMS: dict[str, str] = {
     "speaker": "loudspeaker",
     "spice_jar": "spice jar, jar, spice",
     "spice_rack": "spice rack",
-    "takeaway_box": "box, takeaway box, food box",
+    "takeaway_box": "box, takeout box, take away box, food box",
     "tape_roll": "tape roll, roll of tape",
     "tumbler": "tumbler, drinking glass",
     "upper_drawer": "drawer, top drawer",
@@ -100,7 +104,22 @@ _SYNONYMS: dict[str, str] = {
 }
 """Further nouns for the categories of the grammar."""
 
-_NUMBERS = {"two": 2, "both": 2, "three": 3, "four": 4}
+_SAME_FOR_ALL = "put place move set lay position get take grab pick hide need want help please go belong clean tidy"
+_SPECIFIC = {
+    "loose_packing": "pack load fill throw toss store drop stash stow tuck collect gather clear add insert transfer",
+    "patterned_arrangement": "arrange organize prepare",
+    "constrained_positioning": "make serve prepare brew center",
+    "container_loading": "store file stow stash load pack organize fill stock close shut insert",
+    "logical_assembly": "build make assemble stack construct layer compose create form add",
+    "precision_insertion": "insert fit slot fill stock store organize slide",
+    "recursive_stacking": "stack pile collect gather clear",
+}
+_VERBS_OF = {name: frozenset(f"{_SAME_FOR_ALL} {verbs}".split()) for name, verbs in _SPECIFIC.items()}
+"""Verbs that ask for nothing else than the goal of each template."""
+_PLAIN_WORDS_WORDS = """
+i you we he she me us them they it s to and there here now please just so too also then
+"""
+_PLAIN_WORDS = frozenset(_PLAIN_WORDS_WORDS.split())
 _LONGEST_PHRASE = 4
 
 
@@ -125,20 +144,55 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
     """
     text = checked_sentence(sentence)
     template = choose_template(text)
-    found = write_scenarios(template, count, seed=seed, wanted=wanted_in(text, template), about=text)
+    wanted = wanted_in(text, template)
+    found = [_in_order_of(s, wanted) for s in write_scenarios(template, count, seed=seed, wanted=wanted, about=text)]
     worded = tuple(replace(scenario, instruction=text) for scenario in found)
-    problems = (problem for s in worded for _, problem, _ in instruction_problems(s, TEMPLATES[template]))
-    reworded = next(problems, "")
-    return Chosen(template, found if reworded else worded, reworded)
+    for scenario in worded:
+        for problem, cure in goal_problems(scenario, TEMPLATES[template]):
+            raise InvalidInputError("sentence", problem, cure)
+    reworded = next((p for s in worded for _, p, _ in instruction_problems(s, TEMPLATES[template])), "")
+    if reworded and any(stated_goal(scenario).is_specific for scenario in worded):
+        cure = f"Write a sentence such as {example_about(found[0])!r}"
+        raise InvalidInputError(
+            "sentence", f"{reworded}, and another wording would lose the places that it states", cure
+        )
+    return Chosen(template, tuple(found) if reworded else worded, reworded)
+
+
+def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
+    """Return a scenario whose groups begin with the objects of a sentence, in its order.
+
+    The first training condition is then about the objects that are named first. A top bun stays on top.
+    """
+    groups = dict(scenario.groups)
+    moved = [group.group_id for group in TEMPLATES[scenario.template].groups if group.role == "item"]
+    for group_id, objects in ((g, groups[g]) for g in moved if g in groups):
+        left, first = list(objects), []
+        for want in (w for w in wanted if w.group_id == group_id):
+            known = (o for o in left if _kind(o) in want.kinds and _kind(o)[0] != "bun_top")
+            named = next(known, None)
+            if named is not None:
+                first.append(named)
+                left.remove(named)
+        groups[group_id] = (*first, *left)
+    return replace(scenario, groups=groups)
+
+
+def _kind(described: DescribedObject) -> Kind:
+    """Return category and color of an object that the grammar described."""
+    category, color = described.tags
+    return category.replace(" ", "_"), color
 
 
 def checked_sentence(sentence: str) -> str:
     """Return a sentence with single spaces, a capital letter, and a period at the end, also for an exclamation mark.
 
+    A "please" at its beginning is left out.
+
     Raises:
         InvalidInputError: If it is empty or too long, or has other characters than letters and plain punctuation.
     """
-    text = " ".join(sentence.split()).rstrip("! ")
+    text = re.sub(r"^please,? ", "", " ".join(sentence.split()).rstrip("! "), flags=re.IGNORECASE)
     if not text or len(text) > LONGEST_INSTRUCTION:
         cure = f"Write one sentence of up to {LONGEST_INSTRUCTION} characters"
         raise InvalidInputError("sentence", f"has {len(text)} characters", cure)
@@ -179,7 +233,7 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
         InvalidInputError: If an object, or an object of a color, is not in the library's vocabulary of the template.
     """
     grammar = grammar_of(template)
-    tokens = sentence_tokens(sentence)
+    tokens, raw = sentence_tokens(sentence), raw_tokens(sentence)
     _require_nouns(tokens)
     nouns, found, used = _nouns(template), list[Wanted](), set[int]()
     at = 0
@@ -187,10 +241,52 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
         length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if tuple(tokens[at : at + n]) in nouns), 0)
         if length and not (at == 0 and tokens[0] in VERBS):
             used |= set(range(at, at + length))
-            found += _named(tokens, at, length, nouns[tuple(tokens[at : at + length])])
+            meant = nouns[tuple(tokens[at : at + length])]
+            named = _named(tokens, at, length, meant, is_plural_form(raw[at + length - 1]))
+            again = "the" in tokens[max(0, at - 2) : at] and any(w.noun == named[0].noun for w in found)
+            if template == "recursive_stacking" and {"on", "onto"} & set(tokens):
+                named = [_narrower(want, tokens, at) for want in named]
+            found += [] if again else named
         at += max(1, length)
     _require_known(tokens, used, grammar)
+    _require_read(sentence, tokens, used, grammar)
     return tuple(found)
+
+
+def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
+    """Return a plate that is put on another, without the widest kinds: "the red plate" before "on the blue plate"."""
+    kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
+    stays = {"on", "onto", "of"} & set(tokens[max(0, at - 3) : at])
+    return want if stays or not kinds else replace(want, kinds=kinds)
+
+
+def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
+    """Raise InvalidInputError for a word that is not read: it may ask for more than the objects of the scenario."""
+    template = grammar.template.name
+    free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
+    free |= RESULTS if template == "logical_assembly" else frozenset()
+    free |= frozenset().union(*(theme_words(theme) | frozenset(terms(theme.context)) for theme in grammar.themes))
+    raw = raw_tokens(sentence)
+    for at, word in enumerate(tokens):
+        color = word in COLORS and any(at < i <= at + 3 for i in used)
+        if at not in used and word not in free and not color:
+            said = f"{raw[at]!r}"
+            if word in COLORS:
+                raise InvalidInputError("sentence", f"has no noun after {said}", f"Write 'the {word} ...' with a noun")
+            example = _EXAMPLES[template]
+            problem = f"has {said}, which is not read for {template}, so the task could be another"
+            raise InvalidInputError("sentence", problem, f"Leave it out, or write a sentence such as {example!r}")
+
+
+_EXAMPLES = {
+    "loose_packing": "Put the apple into the lunchbox.",
+    "patterned_arrangement": "Put the computer mouse to the right of the laptop.",
+    "constrained_positioning": "Put the red mug on the ring of the coffee machine.",
+    "container_loading": "Put the stapler into the upper drawer.",
+    "logical_assembly": "Build a cheeseburger on the bottom bun.",
+    "precision_insertion": "Put the salt jar into the left hole of the rack.",
+    "recursive_stacking": "Put the red plate on the white plate.",
+}
 
 
 def _require_nouns(tokens: list[str]) -> None:
@@ -201,8 +297,8 @@ def _require_nouns(tokens: list[str]) -> None:
         raise InvalidInputError("sentence", f"has no noun in 'the {color} one'", cure)
 
 
-def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str]) -> list[Wanted]:
-    """Return the wanted objects of one noun: several if a number is before it."""
+def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
+    """Return the wanted objects of one noun: several if a number is before it, and two for a plural without one."""
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
     if not kinds:
@@ -212,7 +308,8 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str]) -
         )
     groups = {meant[kind] for kind in kinds}
     group = min(groups, key=lambda g: (g != "items", g))
-    number = next((_NUMBERS[t] for t in reversed(tokens[max(0, at - 2) : at]) if t in _NUMBERS), 1)
+    said = number_before(tokens, at)
+    number = NUMBERS[said] if said else plural + 1
     shown = f"{color} {noun}".strip()
     return [Wanted(group, tuple(k for k in kinds if meant[k] == group), shown)] * number
 
@@ -243,7 +340,15 @@ def _usual_nouns(template: str) -> set[str]:
 
 def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
     """Raise InvalidInputError for a noun of an object that the grammar does not have."""
-    free = PLACES | RESULTS | COLLECTIVES.keys() | COLORS | VERBS | frozenset().union(*map(theme_words, grammar.themes))
+    free = (
+        PLACES
+        | RESULTS
+        | COLLECTIVES.keys()
+        | COLORS
+        | VERBS
+        | READ_WORDS
+        | frozenset().union(*map(theme_words, grammar.themes))
+    )
     covered = {tokens[i] for i in used}
     heads = [head for head in phrase_heads(tokens) if head not in covered]
     bare = [" ".join(noun) for at, noun in known_nouns(tokens) if at not in used and noun[-1] not in covered]

@@ -6,9 +6,11 @@ import re
 from collections.abc import Iterator
 
 from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.generation.sentence_words import color_before, phrase_heads, sentence_tokens, words_of_object
+from betterbench.generation.stated_goal import goal_problems, stated_goal
 from betterbench.generation.vocabulary import collective, head_nouns, known_nouns
 from betterbench.sim.assets.catalogue.expansion import COLORS
-from betterbench.sim.assets.catalogue.terms import singular, terms
+from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.template import Template
 
 MOST_WORDS = 25
@@ -32,20 +34,6 @@ _CHAINS = frozenset(_CHAINS_WORDS.split())
 """Words that put steps into an order."""
 _STEPS = re.compile(r"\b(?:first|next|last|second|third)\s*,|\band (?:first|next|last|finally)\b", re.IGNORECASE)
 
-_DETERMINERS_WORDS = """
-a an the both all two three four five six some each every this these my your our his her
-"""
-_DETERMINERS = frozenset(_DETERMINERS_WORDS.split())
-_STOPS_WORDS = """
-in into inside onto on to of for from with without at by beside next near around behind under over between left and
-or so that as away up out down off back together neatly carefully , . : ( ) % is are go belong
-"""
-_STOPS = frozenset(_STOPS_WORDS.split())
-_ADJECTIVES_WORDS = """
-small large big little tall short round square flat full empty clean dirty fresh used loose open closed new old
-plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
-"""
-_ADJECTIVES = frozenset(_ADJECTIVES_WORDS.split())
 _PLACES_WORDS = """
 table desk counter kitchen side left right middle center top bottom front back corner ring mark hole drawer spot
 place position area slot row column set stack pile order lunch breakfast dinner supper brunch meal snack picnic
@@ -56,7 +44,7 @@ shelf coffee tea clutter workstation service seasoning spout tray
 PLACES = frozenset(_PLACES_WORDS.split())
 """Heads of noun phrases that name a place, an occasion or objects in general."""
 _RESULTS_WORDS = """
-sandwich burger cheeseburger hamburger tower taco cake pyramid club slider
+sandwich burger cheeseburger hamburger tower taco cake club slider
 """
 RESULTS = frozenset(_RESULTS_WORDS.split())
 """Nouns for what layers make."""
@@ -77,6 +65,7 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
     for problem, cure in (
         *_sentence_problems(text),
         *_chain_problems(scenario, template),
+        *goal_problems(scenario, template),
         *noun_problems(scenario, template),
     ):
         yield "instruction", problem, cure
@@ -105,8 +94,11 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
     if chained or _STEPS.search(text):
         word = min(chained) if chained else "first or next"
         yield f"chains steps with {word!r}", cure
+    placed = stated_goal(scenario).placed  # a list of items with their places states the goal and no steps
     for group in template.groups:
         objects = scenario.groups.get(group.group_id, ())
+        if all(o.instance_name in placed for o in objects):
+            continue
         if group.role == "item" and len(objects) > 2 and _lists_all(text, objects):
             yield f"lists all {len(objects)} objects of the group {group.group_id!r}", cure
 
@@ -157,44 +149,8 @@ def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str,
             yield f"names a {head}, which is not among the objects", cure
 
 
-def sentence_tokens(text: str) -> list[str]:
-    """Return the words of a sentence in small letters and in the singular, and its punctuation."""
-    return [t if t in ",.:()%" else singular(t) for t in re.findall(r"[^\W_]+|[,.:()%]", text.lower())]
-
-
-def words_of_object(described: DescribedObject) -> frozenset[str]:
-    """Return the words that may name an object: its query, name and tags, and its description up to "with"."""
-    appearance = re.split(r"\bwith\b", described.description)[0]
-    name = described.instance_name.replace("_", " ")
-    return frozenset(terms(" ".join((described.asset_query, name, appearance, *described.tags))))
-
-
 def _has_member(scenario: Scenario, noun: str) -> bool:
     members = collective(noun)
     objects = [o for group in scenario.groups.values() for o in group]
     texts = [text for o in objects for text in (o.asset_query, o.description)]
     return any(head in members for text in texts for head in head_nouns(text))
-
-
-def color_before(tokens: list[str], at: int) -> str:
-    """Return the color among the adjectives before a noun, empty if there is none."""
-    for word in reversed(tokens[max(0, at - 3) : at]):
-        if word in COLORS:
-            return word
-        if word in _STOPS or word in _DETERMINERS:
-            break
-    return ""
-
-
-def phrase_heads(tokens: list[str]) -> Iterator[str]:
-    """Yield the last word of each phrase that begins with an article, a number or a similar word."""
-    for at, word in enumerate(tokens):
-        if word not in _DETERMINERS:
-            continue
-        head = ""
-        for follower in tokens[at + 1 :]:
-            if follower in _STOPS or follower in _DETERMINERS:
-                break
-            head = follower
-        if head and head not in _ADJECTIVES:
-            yield head

@@ -1,6 +1,35 @@
-"""Grammar for sentences about objects, such as verbs that agree with a kind's name."""
+"""Nouns in sentences about objects: articles, plurals, mass nouns, and verbs that agree with a kind's name."""
 
 from __future__ import annotations
+
+MASS_NOUNS = frozenset({"bread", "butter", "cheese", "ham", "jam", "lettuce", "paper", "salt", "soap", "tape"})
+"""Nouns without a plural in everyday instructions."""
+_IRREGULAR = {"knife": "knives", "leaf": "leaves", "loaf": "loaves", "mouse": "mice", "shelf": "shelves"}
+_OES = frozenset({"potato", "tomato"})
+
+
+def with_article(phrase: str) -> str:
+    """Return a phrase with "a" or "an"."""
+    return f"{'an' if phrase[0] in 'aeiou' else 'a'} {phrase}"
+
+
+def is_countable(kind: str) -> bool:
+    """Tell whether "both" and "another" can be said of a kind: of apples, but not of fries or lettuce."""
+    return not is_plural(kind) and kind.rsplit(maxsplit=1)[-1] not in MASS_NOUNS
+
+
+def plural(kind: str) -> str:
+    """Return the plural of a countable kind: "red apples", "tape rolls", "knives"."""
+    *before, noun = kind.split()
+    if noun in _IRREGULAR:
+        many = _IRREGULAR[noun]
+    elif noun in _OES or noun.endswith(("s", "x", "z", "ch", "sh")):
+        many = f"{noun}es"
+    elif noun.endswith("y") and noun[-2:-1] not in "aeiou":
+        many = f"{noun[:-1]}ies"
+    else:
+        many = f"{noun}s"
+    return " ".join((*before, many))
 
 
 def is_plural(kind: str) -> bool:

@@ -1,8 +1,10 @@
-"""Nouns of objects in sentences: articles, plurals, and names that are easily confused in an image."""
+"""Nouns of objects in questions: portions of uncountable objects, and names that are easily confused in an image."""
 
 from __future__ import annotations
 
 import re
+
+from betterbench.tasks.words import plural, with_article
 
 _PORTIONS = {
     "fries": ("box of fries", "boxes of fries"),
@@ -58,8 +60,7 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
 
 def indefinite(kind: str) -> str:
     """Return "an apple", "a slice of cheese"."""
-    one = _PORTIONS.get(kind, (kind, ""))[0]
-    return f"{'an' if one[0] in 'aeiou' else 'a'} {one}"
+    return with_article(_PORTIONS.get(kind, (kind, ""))[0])
 
 
 def definite(kind: str) -> str:
@@ -69,13 +70,7 @@ def definite(kind: str) -> str:
 
 def plural_of(kind: str) -> str:
     """Return "apples", "boxes of fries", "computer mice"."""
-    if kind in _PORTIONS:
-        return _PORTIONS[kind][1]
-    if re.search(r"(s|x|ch|sh)$", kind):
-        return f"{kind}es"
-    if re.search(r"[^aeiou]y$", kind):
-        return f"{kind[:-1]}ies"
-    return f"{kind}s"
+    return _PORTIONS[kind][1] if kind in _PORTIONS else plural(kind)
 
 
 def mistakable(a: str, b: str) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from betterbench.cli.console import OUT, print_json, print_listing, progress_bar, say
-from betterbench.errors import InvalidInputError, one_line
+from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.jobs import JobProgress
@@ -189,25 +189,9 @@ def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
 
 def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
     """Return the request for a row of the catalogue; given options override its name, license and author."""
-    from dataclasses import replace
+    from betterbench.sim.assets.folders.rows import request_of_row
 
-    from betterbench.sim.assets.licenses import license_name
-
-    if entry.source == "procedural":
-        name = entry.id.removeprefix("procedural/").rpartition("-")[0]
-        raise InvalidInputError(entry.id, "it is already in the library", f"Use the category {name} in your task")
-    if not entry.path:
-        cure = "Download it first, with objaverse.load_objects, then index the source again"
-        raise InvalidInputError(entry.id, "its mesh is not on this machine", cure)
-    made = _of_file(Path(entry.path), options)
-    wishes = replace(
-        made.wishes,
-        name=options.kind or " ".join(part for part in (entry.category, entry.name) if part) or None,
-        license=license_name(options.license or entry.license or "unknown"),
-        author=options.author or entry.author or None,
-        source=one_line(entry.id, most=200),
-    )
-    return replace(made, wishes=wishes, color=options.color or entry.color or None)
+    return request_of_row(entry, _of_file(Path(entry.path), options))
 
 
 def _document(out: Path, report: ImportReport, assets: dict[str, FolderAsset]) -> dict[str, object]:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from betterbench.diagnosis.measures.power_matrix import PowerMatrix
+    from betterbench.generation.building.importing import ImportedMeshes
     from betterbench.generation.building.result import BuildReport, Result
     from betterbench.generation.scenario import Scenario
     from betterbench.jobs import JobProgress
@@ -31,6 +32,7 @@ def build_command(
     demonstrations: int = 24,
     power: int = 0,
     workers: int | None = None,
+    catalogue: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
@@ -51,6 +53,7 @@ def build_command(
         power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
             none.
         workers: Worker processes; one per CPU core if not given.
+        catalogue: Catalogue of better assets index, from which objects that the library lacks are imported.
         overwrite: Replace files in the folder that better build did not write.
         json: Print one JSON document instead of a table.
     """
@@ -62,6 +65,7 @@ def build_command(
         demonstrations=demonstrations,
         power=power,
         workers=workers,
+        catalogue=catalogue,
         overwrite=overwrite,
         json=json,
     )
@@ -107,6 +111,7 @@ def build_and_tell(
     demonstrations: int,
     power: int,
     workers: int | None,
+    catalogue: Path | None,
     overwrite: bool,
     json: bool,
 ) -> None:
@@ -131,13 +136,32 @@ def build_and_tell(
                 if last is not None and not last.certified:
                     say(f"{last.task_id}: refused: {last.attempts[0].reason}")
 
-            built = build_suite(scenarios, out, name=name, settings=settings, workers=processes, on_progress=told)
+            built = build_suite(
+                scenarios,
+                out,
+                name=name,
+                settings=settings,
+                workers=processes,
+                meshes=catalogue,
+                on_import=lambda imported: _tell_imported(imported, out),
+                on_progress=told,
+            )
         cards, matrix = {}, None
         if built.suite is not None:
             cards = _draw_cards(built, out)
             matrix = _measure_power(built, out, power, processes) if power else None
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
+
+
+def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
+    """Name the meshes that were imported, and those that were found and cannot be used."""
+    from betterbench.generation.building.importing import IMPORTED
+
+    for row, problem in imported.refused:
+        say(f"not imported: {row}: {problem}")
+    if imported.names:
+        say(f"imported: {', '.join(imported.names)}; load them with --asset-dir {out / IMPORTED}")
 
 
 def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:

@@ -26,6 +26,7 @@ def generate_command(
     replay: Path | None = None,
     key_variable: str = "OPENAI_API_KEY",
     build: bool = False,
+    catalogue: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
@@ -50,6 +51,8 @@ def generate_command(
         replay: File exchanges.jsonl of an earlier run, which answers for the model.
         key_variable: Environment variable with the key of the endpoint.
         build: Build and certify the tasks in the subfolder "build", with the defaults of better build.
+        catalogue: With --build: catalogue of better assets index, from which objects that the library lacks are
+            imported.
         overwrite: Replace files in the folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
@@ -74,7 +77,7 @@ def generate_command(
     if build:
         from betterbench.cli.verbs.build import build_command
 
-        build_command((out,), out=out / "build", overwrite=overwrite, json=json)
+        build_command((out,), out=out / "build", catalogue=catalogue, overwrite=overwrite, json=json)
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:

@@ -14,6 +14,7 @@ from betterbench.generation.instruction_sense import noun_problems
 from betterbench.generation.scenario import Scenario
 from betterbench.generation.scenario_form import scenario_from_answer
 from betterbench.generation.sense import sense_problems
+from betterbench.generation.stated_goal import goal_problems, stated_goal
 from betterbench.jobs import OnCount
 from betterbench.json_form import parse_json
 from betterbench.tasks.authoring.template import Template
@@ -188,12 +189,16 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: _Request) -> list[str]:
-    """Return a problem for each object that the user's sentence names and the scenario lacks."""
+    """Return the problems of the user's sentence: objects and places that the scenario lacks, and other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)
-    found = (problem for problem, _ in noun_problems(asked, request.template))
-    return [f"answer[0]: instantiation: the request {problem}. Add it." for problem in found]
+    found = [f"instantiation: the request {p}. Add it." for p, _ in noun_problems(asked, request.template)]
+    found += [f"instruction: the request {p}. {cure}." for p, cure in goal_problems(asked, request.template)]
+    wanted, stated = stated_goal(asked), stated_goal(scenario)
+    if not (wanted.regions.items() <= stated.regions.items() and set(wanted.onto) <= set(stated.onto)):
+        found.append("instruction: lacks a place that the request states. Keep the places of the request.")
+    return [f"answer[0]: {problem}" for problem in found]
 
 
 def _objects(scenario: Scenario) -> list[tuple[str, list[str]]]:

@@ -10,15 +10,18 @@ import dataclasses
 from dataclasses import dataclass
 
 from betterbench.errors import BetterError, one_line
-from betterbench.generation.building.casting import Choice, cast_of
+from betterbench.generation.building.casting import cast_of
+from betterbench.generation.building.choice import Choice
 from betterbench.generation.building.proving import Proof, prove, provisional, without
 from betterbench.generation.building.result import Attempt, Failure, Settings
 from betterbench.generation.patterns import GeneratedTask, pattern_of
 from betterbench.generation.scenario import Scenario
 from betterbench.generation.sense import require_groups
+from betterbench.generation.stated_goal import goal_problems
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks import Task, task_to_json
 from betterbench.tasks.authoring.regimes import ListedRegime
+from betterbench.tasks.authoring.templates import TEMPLATES
 
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 """Smallest numbers of variations of a task, and of axes among them."""
@@ -81,7 +84,14 @@ def build_task(
     *,
     settings: Settings,
 ) -> Built:
-    """Return a certified task for a scenario, or the reason for which every attempt failed."""
+    """Return a certified task for a scenario, or the reason for which every attempt failed.
+
+    A scenario with other groups than its template, or whose instruction asks for another goal, is refused without an
+    attempt.
+    """
+    problem = _problem_of(scenario)
+    if problem:
+        return Built(scenario, task_id, None, None, (), (Attempt(CHANGES[0].words, problem),))
     attempts: list[Attempt] = []
     tried: list[GeneratedTask] = []
     for change in CHANGES:
@@ -89,7 +99,6 @@ def build_task(
         if more and not (attempts and attempts[-1].failures and all(f.clause == "b" for f in attempts[-1].failures)):
             continue
         try:
-            require_groups(scenario)
             cast, chosen = cast_of(scenario, catalogue, seed=change.slots, attempt=change.assets)
             made = pattern_of(scenario.template)(cast)
             if made in tried and not more:
@@ -124,6 +133,16 @@ def build_task(
         final = dataclasses.replace(made, task=reduced)
         return Built(scenario, task_id, final, passed, tuple(chosen), tuple(attempts), failures)
     return Built(scenario, task_id, None, None, (), tuple(attempts))
+
+
+def _problem_of(scenario: Scenario) -> str:
+    """Return why no attempt can make a task of a scenario, or an empty string."""
+    try:
+        require_groups(scenario)
+    except BetterError as error:
+        return one_line(str(error), most=600)
+    asked = goal_problems(scenario, TEMPLATES[scenario.template])
+    return next((one_line(f"instruction: {problem}. {cure}.", most=600) for problem, cure in asked), "")
 
 
 def _lacking(task: Task) -> str:

@@ -7,13 +7,17 @@ for the relation of the template, an item a grasp that fits the gripper.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import functools
+from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
+from betterbench.generation.building.choice import Choice, asset_of
+from betterbench.generation.building.look_alikes import look_alikes_in
+from betterbench.generation.building.names import SYNONYMS, kinds_of
 from betterbench.generation.cast import Cast
+from betterbench.generation.measures import WIDEST_GRASP_M
 from betterbench.generation.scenario import DescribedObject, Scenario
-from betterbench.sim.assets import Asset, build, colors
+from betterbench.sim.assets import Asset, build, categories, colors
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
@@ -26,18 +30,12 @@ from betterbench.tasks.condition import ObjectSpec, Role
 from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.words import is_plural
 
-WIDEST_GRASP_M = 0.075
-"""Largest width of an item between the pads [m]; the gripper opens 80 mm, and a finger needs 2.5 mm on its side."""
 LEAST_SCORE = 0.2
 """Smallest score of a search result that is accepted for a description."""
 _SEARCHED = 40
 _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
 """Smallest score, relative to the best suitable one, of an asset that is almost as good."""
-_LOOK_ALIKES = 4
-_SYNONYMS = 2
-_ALIKE_SIZE = 0.5
-"""Smallest ratio of the largest extents of an object and its look-alike."""
 _FIXED = ("on_ring", "in_hole", "closed")
 """Relations whose target must not yield when an object is pushed into it."""
 _ADJECTIVES = """
@@ -49,34 +47,8 @@ striped sturdy tall thick thin tiny typical unopened whole wide wooden
 ADJECTIVES = frozenset(_ADJECTIVES.split())
 """Words of a query that describe an object and do not name it."""
 
-_PROPERTIES = """
-adhesive appliance audio bathroom beef breakfast chips cleaning coffee desk fixture food furniture glass
-medicine metal office paper pharmacy plain plastic salad steel stationery trash typing wood
-"""
-PROPERTIES = frozenset(tuple(terms(word)) for word in _PROPERTIES.split())
-"""Tags with a material, a place or a use, which are no names of the object: "glass" of a jar, "desk" of a mouse.
-"chips" are potato chips in American English, and no fries."""
 _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several", "six", "three", "two"})
 """Words of a query for several objects."""
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Asset chosen for a description.
-
-    Attributes:
-        group: Group of the description.
-        described: The description.
-        entry: Row of the catalogue.
-        score: Score of the search in (0, 1].
-        passed_over: Better search results that do not suit the group, with the reason.
-    """
-
-    group: str
-    described: DescribedObject
-    entry: CatalogueEntry
-    score: float
-    passed_over: tuple[str, ...] = ()
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
@@ -120,20 +92,20 @@ def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> li
     for group in template.groups:
         for i, described in enumerate(scenario.groups.get(group.group_id, ())):
             taken = {(choice.entry.category, choice.entry.color) for choice in found}
-            fitting, passed = _fitting(described, group, template, catalogue, taken)
-            if not fitting:
+            suiting, passed = fitting(described, group, template, catalogue, taken)
+            if not suiting:
                 shown = "; ".join(passed[:3]) or "the search finds nothing"
                 raise InvalidInputError(
                     f"instantiation.{group.group_id}[{i}]",
                     f"no asset suits {described.asset_query!r} ({shown})",
                     "Describe another object, or import one with --asset-dir",
                 )
-            hit = fitting[attempt % len(fitting)]
+            hit = suiting[attempt % len(suiting)]
             found.append(Choice(group.group_id, described, hit.entry, round(hit.score, 4), tuple(passed[:3])))
     return found
 
 
-def _fitting(
+def fitting(
     described: DescribedObject,
     group: ObjectGroup,
     template: Template,
@@ -147,19 +119,19 @@ def _fitting(
     hits = [hit for hit in found if hit.score >= LEAST_SCORE]
     colored = [hit for hit in hits if hit.entry.color in wanted]
     passed: list[str] = []
-    fitting: list[Hit] = []
+    suiting: list[Hit] = []
     for hit in colored or hits:
         known = (hit.entry.category, hit.entry.color) in taken
-        problem = "it is in the scene already" if known else unsuitable(_asset(hit.entry), group, template)
-        problem = _name_problem(described.asset_query, hit.entry) or problem or _size_problem(described, hit.entry)
+        problem = "it is in the scene already" if known else unsuitable(asset_of(hit.entry), group, template)
+        problem = name_problem(described.asset_query, hit.entry) or problem or _size_problem(described, hit.entry)
         if problem:
             passed.append(f"{hit.entry.id}: {problem}")
-        elif not fitting or hit.score >= _ALMOST * fitting[0].score:
-            fitting.append(hit)
-    return fitting, passed
+        elif not suiting or hit.score >= _ALMOST * suiting[0].score:
+            suiting.append(hit)
+    return suiting, passed
 
 
-def _name_problem(query: str, entry: CatalogueEntry) -> str:
+def name_problem(query: str, entry: CatalogueEntry) -> str:
     """Return a message if a word of a query, apart from adjectives, fits neither the names nor the text of an asset."""
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
@@ -177,26 +149,28 @@ def _name_problem(query: str, entry: CatalogueEntry) -> str:
     return ""
 
 
+@functools.cache
+def _traits() -> frozenset[tuple[str, ...]]:
+    """Return the tags of the library that name a material, a place or a use, as terms: "glass" of a jar."""
+    return frozenset(tuple(terms(tag)) for category in categories() for tag in build(category).traits)
+
+
 def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
     return word in f"{entry.name} {' '.join(entry.tags)}".lower().split()
 
 
 def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
-    """Return tags as terms, without those that only name a property."""
-    return {tuple(terms(tag)) for tag in tags[:_SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - PROPERTIES)
+    """Return tags as terms, without those that only name a trait."""
+    return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - _traits())
 
 
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
     """Return whether a single word or a synonym of it is the last word of an asset's name, or a tag that names it."""
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
-    if word in names or word in PROPERTIES:
+    if word in names or word in _traits():
         return word in names
     synonyms = {phrase for concept in understood(word[0]).concepts for phrase, _ in concept.alternatives}
     return bool((synonyms - {word}) & (names | {tuple(terms(entry.name))}))
-
-
-def _asset(entry: CatalogueEntry) -> Asset:
-    return build(entry.category, color=entry.color or None)
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
@@ -227,7 +201,7 @@ def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt:
     """
     chosen = choices(scenario, catalogue, attempt=attempt)
     template = TEMPLATES[scenario.template]
-    kinds = _kinds(chosen)
+    kinds = kinds_of(chosen)
     roles = {group.group_id: group.role for group in template.groups}
     groups: dict[str, list[ObjectSpec]] = {group.group_id: [] for group in template.groups}
     cabinet: ObjectSpec | None = None
@@ -238,82 +212,7 @@ def cast_of(scenario: Scenario, catalogue: Catalogue, *, seed: int = 0, attempt:
         groups[choice.group].append(spec)
     cast = Cast(scenario, {name: tuple(specs) for name, specs in groups.items()}, seed=seed)
     rows = {choice.described.instance_name: choice.entry for choice in chosen}
-    return dataclasses.replace(cast, look_alikes=dict(_look_alikes(cast, rows, catalogue))), chosen
-
-
-def _kinds(chosen: Sequence[Choice]) -> list[str]:
-    """Return the noun phrase of each object; colors distinguish objects whose nouns do not."""
-    nouns = _nouns(chosen)
-    kinds = []
-    for i, choice in enumerate(chosen):
-        alike = [j for j, other in enumerate(chosen) if j != i and other.entry.category == choice.entry.category]
-        noun = min((nouns[j] for j in (i, *alike) if _answers_to(nouns[j], choice.entry)), key=len)
-        color = choice.entry.color
-        confused = [
-            j
-            for j, other in enumerate(chosen)
-            if j != i and (_answers_to(noun, other.entry) or _answers_to(nouns[j], choice.entry))
-        ]
-        for j in confused:
-            if color == chosen[j].entry.color:
-                problem = (
-                    f"{nouns[min(i, j)]!r} and {nouns[max(i, j)]!r} are both {color}, so their names may be confused"
-                )
-                raise InvalidInputError("instantiation", problem, "Describe objects of other kinds or colors")
-        kinds.append(f"{color} {noun}" if confused and color else noun)
-    return kinds
-
-
-def _nouns(chosen: Sequence[Choice]) -> list[str]:
-    """Return the noun of each object.
-
-    A name that spells out the asset, as "fries box", gives way to the everyday noun ("fries") unless this noun fits
-    another object too.
-    """
-    nouns = []
-    for i, choice in enumerate(chosen):
-        noun, everyday = _noun(choice), noun_of(choice.entry)
-        spelled = set(terms(noun)) == set(terms(choice.entry.name))
-        others = [
-            other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category
-        ]
-        unclear = any(_answers_to(everyday, entry) for entry in others)
-        nouns.append(everyday if spelled and not unclear else noun)
-    return nouns
-
-
-def _answers_to(noun: str, entry: CatalogueEntry) -> bool:
-    """Return whether an asset may be called by a noun."""
-    names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
-    concepts = understood(noun).concepts
-    said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
-    if not said:  # the search ignores "can" as a verb
-        said = [[tuple(terms(noun))]]
-    elif len(said) == 1:  # and leaves it out of "trash can"
-        said[0][0] = tuple(terms(noun))
-    return all(any(set(phrase) <= name for phrase in phrases for name in names) for phrases in said)
-
-
-def _noun(choice: Choice) -> str:
-    """Return the noun of an object: words of its query without colors, or the asset's own noun.
-
-    The name of the object may choose among the words of its query: "pepper jar" of "pepper spice jar".
-    """
-    entry, described = choice.entry, choice.described
-    asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
-    named = [word for word in described.instance_name.split("_") if word not in COLORS and not word.isdigit()]
-    left = iter(asked)
-    known = set(terms(f"{entry.name} {' '.join(entry.tags)}"))
-    for words in (named if all(word in left for word in named) else [], asked):
-        if words and words[-1:] == asked[-1:] and set(terms(" ".join(words))) <= known and all(map(str.isalpha, words)):
-            return " ".join(words)
-    return noun_of(entry)
-
-
-def noun_of(entry: CatalogueEntry) -> str:
-    """Return the noun of an asset in sentences: the tag with the words of its name ("bottom bun"), or its first tag."""
-    named = set(terms(entry.name))
-    return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)
+    return dataclasses.replace(cast, look_alikes=dict(look_alikes_in(cast, rows, catalogue))), chosen
 
 
 def _spec(choice: Choice, kind: str, role: Role, template: Template, cabinet: ObjectSpec | None) -> ObjectSpec:
@@ -326,63 +225,3 @@ def _spec(choice: Choice, kind: str, role: Role, template: Template, cabinet: Ob
         return dataclasses.replace(made, color=cabinet.color)
     fixed = role == "fixture" and any(name in _FIXED for name in (template.relation, *template.also))
     return ObjectSpec(name, kind, entry.category, color, role, fixed)
-
-
-def _look_alikes(
-    cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
-) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
-    """Yield, for each item, distractors of another kind with its color or shape, the most similar first."""
-    present = [spec for specs in cast.groups.values() for spec in specs]
-    candidates = _graspable(catalogue, {spec.category for spec in present})
-    called = {word for spec in present for word in _names(spec.kind, rows.get(spec.name))}
-    kinds = {" ".join(word for word in spec.kind.split() if word not in COLORS) or spec.kind for spec in present}
-    for item in (spec for spec in present if spec.role == "item"):
-        ranked = sorted(
-            (-likeness, entry.id, entry)
-            for entries in candidates.values()
-            if called.isdisjoint(_names(noun_of(entries[0]), entries[0]))
-            and not any(_answers_to(kind, entries[0]) for kind in kinds)
-            for likeness, entry in [_most_alike(item, entries)]
-            if likeness > 0.0
-        )
-        yield item.name, tuple(_distractor(entry) for _, _, entry in ranked[:_LOOK_ALIKES])
-
-
-def _names(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return the nouns that an object may be called by, as terms without colors: its kind and the first tags."""
-    nouns = [kind, *(() if entry is None else entry.tags[:_SYNONYMS])]
-    found = (tuple(terms(noun)) for noun in nouns)
-    return {tuple(word for word in words if word not in COLORS) or words for words in found}
-
-
-def _distractor(entry: CatalogueEntry) -> ObjectSpec:
-    color = entry.color if len(colors(entry.category)) > 1 else None
-    return ObjectSpec(f"{entry.category}_like", noun_of(entry), entry.category, color, role="distractor")
-
-
-def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[CatalogueEntry]]:
-    """Return the rows of the catalogue that the gripper can grasp, by category."""
-    found: dict[str, list[CatalogueEntry]] = {}
-    for entry in catalogue.entries(NAME):
-        if entry.category not in present:
-            asset = _asset(entry)
-            if asset.grasps and min(g.width_m for g in asset.grasps) <= WIDEST_GRASP_M:
-                found.setdefault(entry.category, []).append(entry)
-    return found
-
-
-def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the likeness of the most similar row, in [0, 3], and the row.
-
-    Returns 0 if neither color nor shape is shared.
-    """
-    own = build(item.category, color=item.color)
-    best = (0.0, entries[0])
-    for entry in entries:
-        other = _asset(entry)
-        color, shape = float(other.color == own.color), float(other.shape == own.shape)
-        ratio = max(other.size_m) / max(own.size_m)
-        size = min(ratio, 1.0 / ratio)
-        if (color or shape) and size >= _ALIKE_SIZE and color + shape + size > best[0]:
-            best = (color + shape + size, entry)
-    return best

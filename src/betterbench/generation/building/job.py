@@ -18,6 +18,7 @@ from betterbench.certification.certificate import Certificate, CertificateVersio
 from betterbench.certification.runner import write_json
 from betterbench.errors import InvalidInputError
 from betterbench.generation.building.attempts import Built, build_task
+from betterbench.generation.building.importing import ImportedMeshes, import_missing
 from betterbench.generation.building.result import (
     BuildReport,
     ChosenAsset,
@@ -29,6 +30,7 @@ from betterbench.generation.scenario import Scenario
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
 from betterbench.json_form import dump_json, open_seal, read_bounded, read_form, sealed_form
 from betterbench.sim.assets import categories
+from betterbench.sim.assets.catalogue.encoders import open_encoder
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.sim.assets.catalogue.sources import open_source
@@ -64,6 +66,8 @@ def build_suite(
     name: str,
     settings: Settings | None = None,
     workers: int = 1,
+    meshes: Path | None = None,
+    on_import: Callable[[ImportedMeshes], None] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> BuildReport:
     """Build, certify and write a suite. The same call resumes where it stopped, and gives the same files.
@@ -74,6 +78,8 @@ def build_suite(
         name: Name of the suite, without its digest.
         settings: Seeds and demonstrations.
         workers: Worker processes.
+        meshes: Catalogue of ``better assets index``, in which objects that the library lacks are searched.
+        on_import: Called with the assets that were imported from it.
         on_progress: Called at the start and after every scenario.
 
     Raises:
@@ -84,7 +90,13 @@ def build_suite(
         raise InvalidInputError("scenarios", "there are none", "Give at least one scenario")
     require_suite_name(name)  # before hours of work
     settings = settings or Settings()
-    index_sources(out / CATALOGUE, [open_source(NAME, SourceOptions())], on_progress=lambda *_: None)
+    _index_library(out)
+    if meshes is not None:
+        with Catalogue(out / CATALOGUE) as library, Catalogue(meshes, encoder=open_encoder) as user:
+            imported = import_missing(scenarios, library, user, out)
+        on_import(imported)
+        if imported.names:
+            _index_library(out)
     items = [
         _Item(json.dumps(asdict(scenario), sort_keys=True), task_id)
         for scenario, task_id in zip(scenarios, _task_ids(scenarios), strict=True)
@@ -111,6 +123,10 @@ def build_suite(
     )
     found = tuple(results[item] for item in items)
     return BuildReport(found, _write_suite([r for r in found if r.certified], out, name))
+
+
+def _index_library(out: Path) -> None:
+    index_sources(out / CATALOGUE, [open_source(NAME, SourceOptions())], on_progress=lambda *_: None)
 
 
 def _work(waiting: list[_Item], out: Path, settings: Settings, workers: int) -> Iterator[Result]:

@@ -159,7 +159,7 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
     for group_id, usual in model.groups.items():
         mine = [want for want in wanted if want.group_id == group_id]
         needed = sum(pool.count for pool in usual.pools)
-        most = min(limits[group_id][1], max(needed, 4)) if group_id in ("items", "layers") else needed
+        most = min(limits[group_id][1], grammar.most_items) if group_id in ("items", "layers") else needed
         if len(mine) > most:
             nouns = ", ".join(want.noun for want in mine)
             raise InvalidInputError(
@@ -170,10 +170,35 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
             continue
         pools = [Pool(tuple(dict.fromkeys(c for c, _ in want.kinds)), only=want.kinds) for want in mine]
         named = {category for want in mine for category, _ in want.kinds}
-        others = tuple(c for c in grammar.categories(group_id) if c not in named)
         more = needed - len(mine)
-        groups[group_id] = Group((*pools, *([Pool(others, more)] if more > 0 else [])), usual.colors_differ)
+        others = _others(_with_receiver(grammar, wanted), grammar.categories(group_id), group_id, named, more)
+        groups[group_id] = Group(
+            (*pools, *([Pool(others, more)] if more > 0 else [])), usual.colors_differ, usual.follows
+        )
     return Theme(grammar.requested, "table", (grammar.general,), groups)
+
+
+def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
+    """Return the themes that have the wanted container, fixture, base or anchor."""
+
+    def has(theme: Theme, want: Wanted) -> bool:
+        kinds = {k for pool in theme.groups[want.group_id].pools for c in pool.categories for k in pool.kinds(c)}
+        return bool(kinds & set(want.kinds))
+
+    receivers = [want for want in wanted if want.group_id not in ("items", "layers")]
+    return [theme for theme in grammar.themes if all(has(theme, want) for want in receivers)]
+
+
+def _others(
+    themes: Sequence[Theme], every: Sequence[str], group_id: str, named: set[str], least: int
+) -> tuple[str, ...]:
+    """Return the categories that occur with the named ones in a theme, all if there are too few of them."""
+    found: dict[str, None] = {}
+    for theme in themes:
+        there = [category for pool in theme.groups[group_id].pools for category in pool.categories]
+        if named & set(there):
+            found |= dict.fromkeys(category for category in there if category not in named)
+    return tuple(found) if len(found) >= least else tuple(c for c in every if c not in named)
 
 
 def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:

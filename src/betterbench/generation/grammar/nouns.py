@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from betterbench.errors import UnknownNameError
 from betterbench.generation.scenario import DescribedObject
 from betterbench.sim.assets import build, colors, looks
+from betterbench.tasks.words import with_article
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +24,11 @@ class Phrase:
         short: Noun in an instruction, without a color ("mug").
         long: Description without an article; ``{color}`` stands for the color ("{color} coffee mug").
         query: Words to search the catalogue for.
-        plural: Plural of ``short`` if it is irregular.
     """
 
     short: str
     long: str
     query: str
-    plural: str = ""
 
     @property
     def shows_color(self) -> bool:
@@ -48,7 +47,7 @@ PHRASES: dict[str, Phrase] = {
     "coffee_machine": Phrase(
         "coffee machine", "{color} coffee machine with a ring on its tray", "{color} coffee machine"
     ),
-    "computer_mouse": Phrase("computer mouse", "{color} computer mouse", "{color} computer mouse", "computer mice"),
+    "computer_mouse": Phrase("computer mouse", "{color} computer mouse", "{color} computer mouse"),
     "crumpled_napkin": Phrase("crumpled napkin", "crumpled {color} paper napkin", "crumpled {color} napkin"),
     "crushed_can": Phrase("crushed can", "crushed {color} soda can", "crushed {color} can"),
     "cup": Phrase("cup", "{color} cup with a handle", "{color} tea cup"),
@@ -57,7 +56,7 @@ PHRASES: dict[str, Phrase] = {
     "drink_cup": Phrase("paper cup", "{color} paper cup with a lid and a straw", "{color} drink cup"),
     "egg_cup": Phrase("egg cup", "boiled egg in a {color} egg cup", "{color} egg cup"),
     "fork": Phrase("fork", "{color} fork", "{color} fork"),
-    "fries_box": Phrase("fries", "{color} carton of fries", "{color} fries box", "fries"),
+    "fries_box": Phrase("fries", "{color} carton of fries", "{color} fries box"),
     "jam_jar": Phrase("jam jar", "glass jar of {color} jam", "{color} jam jar"),
     "laptop": Phrase("laptop", "open {color} laptop", "{color} laptop"),
     "lemon": Phrase("lemon", "yellow lemon", "lemon"),
@@ -65,9 +64,9 @@ PHRASES: dict[str, Phrase] = {
     "lower_drawer": Phrase("lower drawer", "lower drawer of the {color} cabinet", "{color} lower drawer"),
     "lunchbox": Phrase("lunchbox", "open {color} plastic lunchbox", "{color} lunchbox"),
     "mug": Phrase("mug", "{color} coffee mug", "{color} mug"),
-    "napkin_stack": Phrase("napkins", "stack of {color} paper napkins", "{color} napkin stack", "napkins"),
+    "napkin_stack": Phrase("napkins", "stack of {color} paper napkins", "{color} napkin stack"),
     "orange": Phrase("orange", "fresh orange", "orange"),
-    "patty": Phrase("patty", "grilled burger patty", "burger patty", "patties"),
+    "patty": Phrase("patty", "grilled burger patty", "burger patty"),
     "pill_bottle": Phrase("pill bottle", "white pill bottle", "pill bottle"),
     "place_plate": Phrase("plate", "{color} breakfast plate with a decorated rim", "{color} breakfast plate"),
     "plain_paprika_jar": Phrase("paprika jar", "plain steel jar of paprika", "plain paprika jar"),
@@ -77,15 +76,15 @@ PHRASES: dict[str, Phrase] = {
     "salt_shaker": Phrase("salt shaker", "{color} salt shaker", "{color} salt shaker"),
     "sauce_cup": Phrase("sauce cup", "small paper cup of {color} sauce", "{color} sauce cup"),
     "serving_plate": Phrase("serving plate", "large {color} serving plate", "{color} serving plate"),
-    "soap_bar": Phrase("soap", "{color} bar of soap", "{color} soap bar", "bars of soap"),
+    "soap_bar": Phrase("soap", "{color} bar of soap", "{color} soap bar"),
     "speaker": Phrase("speaker", "small {color} desktop speaker", "{color} speaker"),
     "spice_rack": Phrase("rack", "{color} wooden spice rack with three holes", "{color} spice rack"),
     "sponge": Phrase("sponge", "yellow kitchen sponge", "kitchen sponge"),
     "spoon": Phrase("spoon", "{color} spoon", "{color} spoon"),
     "stapler": Phrase("stapler", "{color} desk stapler", "{color} stapler"),
-    "takeaway_box": Phrase("takeout box", "open {color} takeout box", "{color} takeaway box", "takeout boxes"),
-    "tape_roll": Phrase("tape", "roll of {color} tape", "{color} tape roll", "rolls of tape"),
-    "tumbler": Phrase("glass", "tall {color} drinking glass", "{color} tumbler", "glasses"),
+    "takeaway_box": Phrase("takeaway box", "open {color} takeaway box", "{color} takeaway box"),
+    "tape_roll": Phrase("tape", "roll of {color} tape", "{color} tape roll"),
+    "tumbler": Phrase("glass", "tall {color} drinking glass", "{color} tumbler"),
     "upper_drawer": Phrase("upper drawer", "upper drawer of the {color} cabinet", "{color} upper drawer"),
     "waste_bin": Phrase("waste bin", "open {color} waste bin", "{color} waste bin"),
 }
@@ -106,11 +105,6 @@ def phrase_of(category: str, color: str) -> Phrase:
     if category not in PHRASES:
         raise UnknownNameError("category of the grammar", category, PHRASES)
     return PHRASES[category]
-
-
-def with_article(phrase: str) -> str:
-    """Return a phrase with "a" or "an"."""
-    return f"{'an' if phrase[0] in 'aeio' else 'a'} {phrase}"
 
 
 def short_name(category: str, color: str, *, colored: bool = True) -> str:

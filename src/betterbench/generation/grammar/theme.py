@@ -111,12 +111,14 @@ class Grammar:
     Attributes:
         requested: Name of scenarios with objects that a user named and that fit no theme.
         general: Wording for such objects.
+        most_items: Largest number of items that the pattern of the template takes.
     """
 
     template: Template
     themes: tuple[Theme, ...]
     requested: str
     general: str
+    most_items: int = 4
 
     def categories(self, group_id: str) -> tuple[str, ...]:
         """Return the categories that a group may have, in the order of the themes."""

@@ -7,21 +7,11 @@ import itertools
 from dataclasses import replace
 
 from betterbench.generation.cast import Cast
-from betterbench.generation.patterns.fits import (
-    BYSTANDER_M,
-    assets_of,
-    foot_of,
-    group,
-    in_order,
-    look_alikes,
-    mm,
-    refused,
-    region_of,
-    require_footprint,
-    require_grasp,
-    words_of,
-)
+from betterbench.generation.measures import assets_of, foot_of, mm, refused, region_of, require_footprint, require_grasp
+from betterbench.generation.patterns.draft import in_order
 from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.generation.patterns.roles import BYSTANDER_M, group, standing_look_alikes
+from betterbench.generation.wording import words_and_noun
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations.on_ring import ENTRY_RISE_M
@@ -72,8 +62,8 @@ class _Positioning:
             _require_fit(item, self.fixture)
         for other in self.bystanders:
             require_footprint(other, BYSTANDER_M, "The place beside the slots")
-        self.alike = look_alikes(cast, self.items)
-        self.words, self.noun = words_of(self.items)
+        self.alike = standing_look_alikes(cast, self.items)
+        self.words, self.noun = words_and_noun(self.items)
         first, second, *others = self.items
         slots = (NEAR, FAR, *((MIDDLE,) if others else ()))
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}

@@ -8,12 +8,8 @@ from dataclasses import replace
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.patterns.fits import (
-    BYSTANDER_M,
+from betterbench.generation.measures import (
     assets_of,
-    group,
-    in_order,
-    look_alikes,
     mm,
     radius_below,
     refused,
@@ -21,7 +17,10 @@ from betterbench.generation.patterns.fits import (
     require_footprint,
     require_grasp,
 )
+from betterbench.generation.patterns.draft import in_order
 from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.generation.patterns.roles import BYSTANDER_M, group, standing_look_alikes
+from betterbench.generation.stated_goal import stated_goal
 from betterbench.sim.assets import Asset, colors, family_of
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -73,13 +72,13 @@ class _Loading:
         (cabinet,) = group(cast, "cabinet", "fixture", 1, 1)
         self.cabinet = replace(cabinet, fixed=True)
         self.upper, self.lower = _drawers(cast, self.cabinet)
-        self.items = group(cast, "items", "item", 2, 2)
+        self.items = self._ordered(group(cast, "items", "item", 2, 2))
         self.bystanders = group(cast, "distractors", "distractor", 0, 1)
         for item in self.items:
             _require_fit(item, self.cabinet, (self.upper, self.lower))
         for other in self.bystanders:
             require_footprint(other, BYSTANDER_M, "The place beside the slots")
-        self.alike = look_alikes(cast, self.items)
+        self.alike = standing_look_alikes(cast, self.items)
         self.around = dict.fromkeys(self.bystanders, ASIDE)
         first, second = self.items
         yaw = TURNED if any(map(_has_corners, self.items)) else 0.0
@@ -89,6 +88,13 @@ class _Loading:
             {first: left_back, second: left_front, self.cabinet: CABINET_BACK, **self.around},
             {first: right_front, second: right_back, self.cabinet: CABINET_FRONT, **self.around},
         )
+
+    def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
+        """Return the items with the one for the upper drawer first, as the instruction of the scenario states it."""
+        stated = stated_goal(self.cast.scenario).regions
+        first, second = items
+        exchanged = stated.get(first.name) == "lower" or stated.get(second.name) == "upper"
+        return (second, first) if exchanged else items
 
     def load(self, *steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
         """Return the instruction to put objects into drawers and to close these."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from betterbench.tasks.authoring.operations import Operation
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.axes import Axis
-from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot
+from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 LEAST_VARIATIONS, LEAST_AXES = 4, 3
 """Least number of variations of a generated task, and of axes with a variation."""
@@ -201,20 +201,9 @@ def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], Generat
     raise errors[-1]
 
 
-def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]:
-    """Return objects with a role."""
-    return tuple(replace(spec, role=role) for spec in objects)
-
-
-def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
-    """Return a second instance of an object, with a name that is free in the cast."""
-    taken = {o.name for objects in (*cast.groups.values(), *cast.look_alikes.values()) for o in objects}
-    return replace(spec, name=next(n for i in itertools.count(2) if (n := f"{spec.name}_{i}") not in taken))
-
-
-def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """Return the look-alikes of an object as distractors, the most similar first."""
-    return in_role("distractor", cast.look_alikes.get(spec.name, ()))
+def in_order(variations: Iterable[a.Variation]) -> tuple[a.Variation, ...]:
+    """Return variations in the order of their axes: layout, recomposition, object, time."""
+    return tuple(sorted(variations, key=lambda variation: "LROT".index(variation.name[0])))
 
 
 def shuffled(cast: Cast, slots: Sequence[Slot]) -> tuple[Slot, ...]:

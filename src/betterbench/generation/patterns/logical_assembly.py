@@ -9,13 +9,16 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_usable
-from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of, second, shuffled
+from betterbench.generation.layout import Table
+from betterbench.generation.measures import footprint, require_finger_room, require_usable
+from betterbench.generation.patterns.draft import Draft, shuffled
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
-from betterbench.generation.wording import is_countable, plural, words_of
+from betterbench.generation.patterns.roles import in_role, look_alikes_of, second
+from betterbench.generation.wording import words_of
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import ObjectSpec, Slot
 from betterbench.tasks.demonstrated import HEIGHT_MM
+from betterbench.tasks.words import is_countable, plural
 
 TABLE = Table(
     starts=(
@@ -73,7 +76,8 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
     Raises:
         InvalidInputError: If there are not three or four layers, a layer cannot be grasped or cannot carry the next
-            one, a stack would be too high, or a layer of a test would be released at a height that training lacks.
+            one, the fingers would touch the rim of the base, a stack would be too high, or a layer of a test would be
+            released at a height that training lacks.
     """
     (base,) = in_role("container", (cast.one("base"),))
     layers = in_role("item", cast.groups.get("layers", ()))
@@ -81,7 +85,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
         problem = f"has {len(layers)} objects, three or four are needed"
         cure = "Choose three layers that change, and possibly one that always comes last"
         raise InvalidInputError("cast group 'layers'", problem, cure)
-    require_usable("layers", layers)
+    require_usable(layers)
     one, two, three = layers[:3]
     stack = _Stack(base, (one, two, three), layers[3:], words_of((*layers, base)))
     for spec in (base, *stack.layers):
@@ -90,6 +94,8 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
             group = "base" if spec is base else "layers"
             raise InvalidInputError(f"cast group {group!r}: {spec.name}", problem, "Choose an asset with a flat top")
     _require_heights(stack)
+    for spec in stack.layers:
+        require_finger_room(spec, base)
     return _assembled(cast, stack)
 
 

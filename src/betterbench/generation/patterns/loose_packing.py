@@ -7,19 +7,15 @@ from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_usable
-from betterbench.generation.patterns.draft import (
-    Draft,
-    first_that_fits,
-    in_role,
-    look_alikes_of,
-    second,
-    shuffled,
-)
+from betterbench.generation.layout import Table
+from betterbench.generation.measures import footprint, require_usable
+from betterbench.generation.patterns.draft import Draft, first_that_fits, shuffled
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
-from betterbench.generation.wording import is_countable, plural, words_of
+from betterbench.generation.patterns.roles import in_role, look_alikes_of, second
+from betterbench.generation.wording import words_of
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import ObjectSpec, Slot
+from betterbench.tasks.words import is_countable, plural
 
 _STAND = a.Slot("stand", 0.44, 0.11, yaw=-1.5708, jitter_m=0.005, yaw_jitter=0.03)
 _ACROSS = a.Slot("stand", 0.47, 0.1160, jitter_m=0.005, yaw_jitter=0.03)
@@ -72,7 +68,7 @@ def loose_packing(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three or four are needed"
         cure = "Choose three or four, so that a known step can be combined with two others"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_usable("items", items)
+    require_usable(items)
     _require_room(container, items)
     tables = [t for t in (LID_TABLES if _has_lid(container) else OPEN_TABLES) if len(t.starts) >= len(items)]
     if not tables:

@@ -6,14 +6,18 @@ import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_usable
-from betterbench.generation.patterns.draft import Draft, first_that_fits, in_role, look_alikes_of
+from betterbench.generation.layout import Table
+from betterbench.generation.measures import footprint, require_usable
+from betterbench.generation.patterns.draft import Draft, first_that_fits
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
+from betterbench.generation.patterns.roles import in_role, look_alikes_of
+from betterbench.generation.stated_goal import stated_goal
 from betterbench.sim.assets import build
 from betterbench.tasks import authoring as a
 from betterbench.tasks.authoring.operations import Operation
@@ -115,7 +119,10 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
         problem = f"has {len(items)} objects, three are needed"
         cure = "Choose three, so that known objects and sides can be combined in a new way"
         raise InvalidInputError("cast group 'items'", problem, cure)
-    require_usable("items", items)
+    require_usable(items)
+    stated = stated_goal(cast.scenario).regions
+    for spec in (o for o in items if stated.get(o.name, sides[0]) not in sides):
+        _refuse_side(spec, stated[spec.name])
     long = [spec for spec in items if footprint(spec.category).radius_m > _FRONT_M]
     if long and (not _is_round(anchor) or len(long) != 2):
         _refuse_long(long[0])
@@ -163,6 +170,13 @@ def _refuse_long(spec: ObjectSpec) -> None:
     raise InvalidInputError(f"cast group 'items': {spec.name}", problem, cure)
 
 
+def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
+    """Refuse a side that the instruction of the scenario states, and where there is no room for the object."""
+    where = f"cast group 'items': {spec.name}"
+    problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
+    raise InvalidInputError(where, problem, "State another side, or none")
+
+
 def _fits(spec: ObjectSpec, side: str) -> bool:
     """Return whether there is room for an object at a side."""
     size = footprint(spec.category)
@@ -181,14 +195,20 @@ def _desk(
     cast: Cast, anchor: ObjectSpec, items: Sequence[ObjectSpec], sides: tuple[str, str, str], table: Table
 ) -> GeneratedTask:
     """Return a task whose items start in front of the anchor."""
-    last = next((o for o in reversed(items) if _fits(o, sides[2])), None)
+    stated = stated_goal(cast.scenario).regions
+    last = next((o for o in reversed(items) if _fits(o, sides[2]) and stated.get(o.name, sides[2]) == sides[2]), None)
+    last = next((o for o in items if stated.get(o.name) == sides[2]), last)
+    if last is not None and not _fits(last, sides[2]):
+        _refuse_side(last, sides[2])
     wide = next((o for o in items if not _fits(o, "right")), None)
     if last is None or wide is not None:
         spec = wide or items[-1]
         width, most = footprint(spec.category).width_m, _WIDE_M if wide else _NARROW_M
         problem = f"a {spec.kind} is {1000 * width:.0f} mm wide; at most {1000 * most:.0f} mm fit"
         raise InvalidInputError(f"cast group 'items': {spec.name}", problem, "Choose a narrower object")
-    ordered = _with_last(items, last)
+    first, second, last = _with_last(items, last)
+    exchanged = stated.get(first.name) == sides[1] or stated.get(second.name) == sides[0]
+    ordered = (second, first, last) if exchanged else (first, second, last)
     steps = tuple(zip(ordered, sides, strict=True))
     turn = np.random.default_rng(cast.seed).permutation(3).tolist()
     near = {o: table.starts[turn[i]] for i, o in enumerate(ordered)}
@@ -324,6 +344,13 @@ def _setting(
     table = _SETTING
     left, right = (o for o in items if footprint(o.category).radius_m > _FRONT_M)
     (compact,) = (o for o in items if o not in (left, right))
+    stated = stated_goal(cast.scenario).regions
+    if stated.get(compact.name, sides[2]) != sides[2]:
+        _refuse_side(compact, stated[compact.name])
+    if sides[2] in (stated.get(left.name), stated.get(right.name)):
+        _refuse_side(left if stated.get(left.name) == sides[2] else right, sides[2])
+    if stated.get(left.name) == "right" or stated.get(right.name) == "left":
+        left, right = right, left
     for piece in (left, right):
         if footprint(piece.category).radius_m > _CUTLERY_M or not footprint(piece.category).longish:
             _refuse_long(piece)

@@ -4,24 +4,24 @@ In training, each jar has its slot and its hole.
 """
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 
 from betterbench.generation.cast import Cast
-from betterbench.generation.patterns.fits import (
-    BYSTANDER_M,
+from betterbench.generation.measures import (
     assets_of,
-    group,
-    in_order,
-    look_alikes,
     mm,
     radius_below,
     refused,
     region_of,
     require_footprint,
     require_grasp,
-    words_of,
 )
+from betterbench.generation.patterns.draft import in_order
 from betterbench.generation.patterns.pattern import GeneratedTask, Unbuilt, pattern
+from betterbench.generation.patterns.roles import BYSTANDER_M, group, standing_look_alikes
+from betterbench.generation.stated_goal import stated_goal
+from betterbench.generation.wording import words_and_noun
 from betterbench.sim.assets import Asset, categories, colors
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -61,14 +61,14 @@ class _Insertion:
         self.cast = cast
         (rack,) = group(cast, "rack", "fixture", 1, 1)
         self.rack = replace(rack, fixed=True)
-        self.items = group(cast, "items", "item", 3, 3)
+        self.items = _ordered(group(cast, "items", "item", 3, 3), stated_goal(cast.scenario).regions)
         self.bystanders = group(cast, "distractors", "distractor", 0, 1)
         for item in self.items:
             _require_fit(item, self.rack)
         for other in self.bystanders:
             require_footprint(other, BYSTANDER_M, "The place beside the slots")
-        self.alike = look_alikes(cast, self.items)
-        self.words, _ = words_of(self.items)
+        self.alike = standing_look_alikes(cast, self.items)
+        self.words, _ = words_and_noun(self.items)
         self.around = {self.rack: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
         self.layout = {**dict(zip(self.items, (FIRST, SECOND, THIRD), strict=True)), **self.around}
 
@@ -174,6 +174,13 @@ class _Insertion:
                     del layout[next(jar for jar in jars if jar not in some)]
                 found.append(a.condition({**layout, **self.around}, self.insert(*((jar, into[jar]) for jar in some))))
         return found
+
+
+def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
+    """Return the items in the order of their holes: those of the instruction, then the others in the free holes."""
+    placed = {stated[item.name]: item for item in items if item.name in stated}
+    others = iter([item for item in items if item.name not in stated])
+    return tuple(placed[hole] if hole in placed else next(others) for hole in HOLES)
 
 
 def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.cast import Cast
-from betterbench.generation.layout import Table, footprint, require_usable
-from betterbench.generation.patterns.draft import Draft, in_role, look_alikes_of
+from betterbench.generation.layout import Table
+from betterbench.generation.measures import footprint, require_usable
+from betterbench.generation.patterns.draft import Draft
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
+from betterbench.generation.patterns.roles import in_role, look_alikes_of
+from betterbench.generation.stated_goal import stated_goal
 from betterbench.generation.wording import words_of
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
@@ -51,8 +54,8 @@ class _Plates:
 def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task in which two plates are put on the widest one, or the second on the first.
 
-    The plate with a look-alike is the middle one of the whole stack. Distractors are not used: the plates take up the
-    table.
+    A plate that goes on another in the instruction of the scenario goes on it in training. The plate with a look-alike
+    is the middle one of the whole stack. Distractors are not used: the plates take up the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit
@@ -62,10 +65,14 @@ def recursive_stacking(cast: Cast) -> GeneratedTask:
     if len(plates) != 3:
         problem = f"has {len(plates)} objects, three are needed"
         raise InvalidInputError("cast group 'plates'", problem, "Choose three, so that a stack can grow")
-    require_usable("plates", plates)
-    base = max(plates, key=lambda o: (footprint(o.category).radius_m, -plates.index(o)))
+    require_usable(plates)
+    onto = stated_goal(cast.scenario).onto
+    carried = {upper for upper, _ in onto}
+    free = [o for o in plates if o.name not in carried] or plates
+    base = max(free, key=lambda o: (footprint(o.category).radius_m, -plates.index(o)))
     others = [o for o in plates if o is not base]
-    middle = next((o for o in others if cast.look_alikes.get(o.name)), others[0])
+    carrying = [o for o in others if o.name in {name for _, name in onto}] or others
+    middle = next((o for o in carrying if cast.look_alikes.get(o.name)), carrying[0])
     (top,) = (o for o in others if o is not middle)
     for upper, lower in ((middle, base), (top, base), (top, middle)):
         _require_carried(upper, lower)

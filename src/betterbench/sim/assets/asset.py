@@ -119,6 +119,7 @@ class Asset:
         regions: Named regions of the object (opening, ring, handle, top).
         parameters: Parameters drawn by the generator, for the record.
         keeps_upright: Whether objects of the category must not lie on their side in a container, like drinks.
+        traits: Tags that name a material, a place or a use, and not the object.
     """
 
     category: str
@@ -139,6 +140,7 @@ class Asset:
     license: str = LIBRARY_LICENSE
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     keeps_upright: bool = False
+    traits: tuple[str, ...] = ()
 
     @property
     def identity(self) -> str:

@@ -11,6 +11,7 @@ GRAMMAR = register(
         template=CONSTRAINED_POSITIONING,
         requested="Positioning a requested item",
         general="Put one of them on the ring of the {fixture}.",
+        most_items=3,
         themes=tuple(
             Theme(name, context, instructions, {"fixture": _MACHINE, "items": items})
             for name, context, items, instructions in (

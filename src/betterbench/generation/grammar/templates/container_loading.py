@@ -11,6 +11,7 @@ GRAMMAR = register(
         template=CONTAINER_LOADING,
         requested="Putting the requested items away",
         general="Put the items into the drawers of the {cabinet}.",
+        most_items=2,
         themes=tuple(
             Theme(name, context, instructions, {"cabinet": _CABINET, "drawers": _DRAWERS, "items": items})
             for name, context, items, instructions in (

@@ -20,12 +20,6 @@ GRAMMAR = register(
                 {"base": one("bun_bottom"), "layers": _BURGER},
             ),
             Theme(
-                "Serving a burger on a plate",
-                "restaurant kitchen",
-                ("Build a burger on the {base}.", "Assemble a burger on the {base}."),
-                {"base": one("place_plate"), "layers": _BURGER},
-            ),
-            Theme(
                 "Building a block tower",
                 "playroom",
                 ("Build a tower of toy blocks on the {base}.", "Stack the toy blocks on the {base}."),

@@ -3,7 +3,7 @@
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register, several
 from betterbench.tasks.authoring.templates import LOOSE_PACKING
 
-_LUNCHBOX, _TAKEOUT, _BIN = one("lunchbox"), one("takeaway_box"), one("waste_bin")
+_LUNCHBOX, _TAKEAWAY, _BIN = one("lunchbox"), one("takeaway_box"), one("waste_bin")
 
 
 GRAMMAR = register(
@@ -34,11 +34,11 @@ GRAMMAR = register(
                 },
             ),
             Theme(
-                "Packing a takeout order",
+                "Packing a takeaway order",
                 "fast food counter",
-                ("Pack the order into the {container}.", "Put the takeout order into the {container}."),
+                ("Pack the order into the {container}.", "Put the takeaway order into the {container}."),
                 {
-                    "container": _TAKEOUT,
+                    "container": _TAKEAWAY,
                     "items": several(3, "burger", "fries_box", "drink_cup", "sauce_cup", "can"),
                 },
             ),
@@ -46,7 +46,7 @@ GRAMMAR = register(
                 "Packing breakfast to go",
                 "hotel breakfast buffet",
                 ("Pack breakfast into the {container}.", "Fill the {container} with breakfast to go."),
-                {"container": _TAKEOUT, "items": several(3, "egg_cup", "jam_jar", "orange", "apple", "drink_cup")},
+                {"container": _TAKEAWAY, "items": several(3, "egg_cup", "jam_jar", "orange", "apple", "drink_cup")},
             ),
             Theme(
                 "Packing for a cookout",

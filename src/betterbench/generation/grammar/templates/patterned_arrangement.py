@@ -16,6 +16,7 @@ GRAMMAR = register(
         template=PATTERNED_ARRANGEMENT,
         requested="Arranging the requested items",
         general="Arrange the items around the {anchor}.",
+        most_items=3,
         themes=(
             Theme(
                 "Preparing a desk for a meeting",

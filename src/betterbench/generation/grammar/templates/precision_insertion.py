@@ -44,6 +44,7 @@ GRAMMAR = register(
         template=PRECISION_INSERTION,
         requested="Inserting the requested items",
         general="Put the items into the holes of the {rack}.",
+        most_items=3,
         themes=(
             *(
                 Theme(

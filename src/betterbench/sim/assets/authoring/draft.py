@@ -32,6 +32,7 @@ class Draft:
 
     Attributes:
         tags: Search words, without the color word.
+        traits: Tags that name a material, a place or a use, and not the object: "glass" of a jar, "desk" of a mouse.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
         material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
@@ -46,6 +47,7 @@ class Draft:
     shape: Literal["round", "cylinder", "box", "irregular"]
     description: str
     tags: tuple[str, ...]
+    traits: tuple[str, ...] = ()
     mass_kg: float
     parts: Sequence[VisualPart | CollisionPart]
     densities: Sequence[float] | None = None

@@ -221,6 +221,7 @@ def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_up
         shape=draft.shape,
         description=draft.description,
         tags=(*draft.tags, color),
+        traits=draft.traits,
         size_m=(x, y, z),
         mass_kg=body.mass_kg,
         center_of_mass=body.center_of_mass,

@@ -59,6 +59,7 @@ def toy_block(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A {color} wooden toy block.",
         tags=("block", "cube", "cuboid", "wood", "toy"),
+        traits=("wood",),
         mass_kg=round(700.0 * x * y * z, 4),
         material="wood",
         parts=(*seen, solid),
@@ -168,6 +169,7 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
         shape="round",
         description=f"A {color} round wooden toy block, a sign painted on its face.",
         tags=("block", "round block", "cylinder", "wood", "toy"),
+        traits=("wood",),
         mass_kg=round(700.0 * math.pi * radius**2 * height, 4),
         material="wood",
         parts=(

@@ -43,6 +43,7 @@ def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
         shape="round",
         description=f"A {color} bowl of cereal with milk.",
         tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware"),
+        traits=("breakfast",),
         mass_kg=round(0.45 * size**2 * height / 0.050, 4),
         material="ceramic",
         parts=(
@@ -156,6 +157,7 @@ def jam_jar(rng: np.random.Generator, color: str) -> Draft:
         shape="cylinder",
         description=f"A glass jar of {color} jam with a lid and a label.",
         tags=("jam", "jam jar", "marmalade", "jar", "breakfast"),
+        traits=("breakfast",),
         mass_kg=round(0.25 * size**2 * height / 0.070, 4),
         material="glass",
         parts=(
@@ -234,6 +236,7 @@ def egg_cup(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A boiled egg in a {color} egg cup.",
         tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware"),
+        traits=("breakfast",),
         mass_kg=round(0.06 + 0.06 * size**2 * lip / 0.040, 4),
         material="ceramic",
         parts=(

@@ -44,6 +44,7 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="A cheeseburger in a golden brown bun.",
         tags=("burger", "hamburger", "cheeseburger", "food", "bun"),
+        traits=("food",),
         mass_kg=round(0.18 * (radius / 0.0333) ** 2 * height / 0.052, 4),
         material="bread",
         parts=(*parts, *standing(0.021, (radius, shoulder), *crown)),

@@ -94,6 +94,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="The lower half of a burger bun, cut face up.",
         tags=("bun", "bottom bun", "burger bun", "bread", "food"),
+        traits=("food",),
         mass_kg=round(42.0 * radius**2, 4),
         material="bread",
         parts=(part("bun", mesh, canvas, specular=0.10), *standing(0.60 * radius, (face, height))),
@@ -135,6 +136,10 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="A grilled burger patty.",
         tags=("patty", "burger patty", "meat", "beef", "food"),
+        traits=(
+            "beef",
+            "food",
+        ),
         mass_kg=round(1060.0 * math.pi * radius**2 * height, 4),
         material="meat",
         parts=(part("patty", mesh, canvas, specular=0.35), *standing(0.62 * radius, (0.985 * radius, height))),
@@ -173,6 +178,7 @@ def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
         shape="box",
         description="A thick square slice of yellow cheese with large holes.",
         tags=("cheese", "cheese slice", "slice", "food"),
+        traits=("food",),
         mass_kg=round(0.8 * 1080.0 * length * width * height, 4),
         material="cheese",
         parts=(
@@ -215,6 +221,7 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
         shape="box",
         description="A yellow kitchen sponge with a green scouring side.",
         tags=("sponge", "kitchen sponge", "scourer", "cleaning"),
+        traits=("cleaning",),
         mass_kg=round(240.0 * length * width * height, 4),
         material="sponge",
         parts=(
@@ -251,6 +258,10 @@ def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
         shape="irregular",
         description="A ruffled leaf of green lettuce.",
         tags=("lettuce", "lettuce leaf", "salad", "leaf", "food"),
+        traits=(
+            "salad",
+            "food",
+        ),
         mass_kg=round(9.0 * half_x * half_y, 4),
         material="leaf",
         parts=(
@@ -334,6 +345,7 @@ def bun_top(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="The domed upper half of a burger bun with sesame.",
         tags=("bun", "top bun", "burger bun", "bread", "food"),
+        traits=("food",),
         mass_kg=round(1.4 * radius, 4),
         material="bread",
         parts=(

@@ -39,6 +39,7 @@ def can(rng: np.random.Generator, color: str) -> Draft:
         shape="cylinder",
         description=f"A full {color} soda can with a printed label and a pull tab.",
         tags=("can", "soda", "drink", "beverage", "metal"),
+        traits=("metal",),
         mass_kg=round(0.013 + 860.0 * math.pi * radius**2 * height, 3),
         material="aluminum",
         parts=(

@@ -36,6 +36,10 @@ def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A {color} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
         tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture"),
+        traits=(
+            "appliance",
+            "fixture",
+        ),
         mass_kg=3.5,
         material="plastic",
         parts=(

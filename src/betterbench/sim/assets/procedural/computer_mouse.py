@@ -42,6 +42,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A {color} cordless computer mouse with two buttons and a scroll wheel.",
         tags=("mouse", "computer mouse", "cordless mouse", "desk"),
+        traits=("desk",),
         mass_kg=round(430.0 * length * width * height, 4),
         material="plastic",
         parts=(
@@ -150,6 +151,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A {color} bar of soap with a stamp on its top.",
         tags=("soap", "bar of soap", "soap bar", "bathroom"),
+        traits=("bathroom",),
         mass_kg=round(560.0 * length * width * height, 4),
         material="soap",
         parts=(

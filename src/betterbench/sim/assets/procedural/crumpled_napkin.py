@@ -41,6 +41,10 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A crumpled {color} paper napkin.",
         tags=("napkin", "paper", "crumpled paper", "paper ball", "trash"),
+        traits=(
+            "trash",
+            "paper",
+        ),
         mass_kg=round(77.0 * wide * deep * high, 4),
         material="paper",
         parts=(

@@ -62,6 +62,10 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A crushed, empty {color} soda can.",
         tags=("crushed can", "can", "empty can", "metal", "trash"),
+        traits=(
+            "metal",
+            "trash",
+        ),
         mass_kg=round(0.22 * length, 4),
         material="aluminum",
         parts=(part("shell", mesh, canvas, specular=0.6, shininess=0.5), *_solids(crush, heading, (x, y))),

@@ -180,6 +180,7 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A small {color} desk cabinet with two openings for drawers.",
         tags=("drawer cabinet", "cabinet", "desk organizer", "furniture"),
+        traits=("furniture",),
         mass_kg=1.2,
         material="wood",
         parts=(

@@ -33,6 +33,10 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A {color} and white striped carton of French fries.",
         tags=("fries", "french fries", "chips", "food", "carton"),
+        traits=(
+            "chips",
+            "food",
+        ),
         mass_kg=round(0.115 * thick * width / (0.040 * 0.062), 4),
         material="cardboard",
         parts=(

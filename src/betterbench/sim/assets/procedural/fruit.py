@@ -72,6 +72,7 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
         shape="round",
         description=f"A {color} apple.",
         tags=("apple", "fruit", "food"),
+        traits=("food",),
         # 830 kg/m^3: apples float; the shape fills nine tenths of its ellipsoid.
         mass_kg=round(0.9 * 830.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
         material="fruit",
@@ -146,6 +147,7 @@ def orange(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="An orange.",
         tags=("orange", "fruit", "citrus", "food"),
+        traits=("food",),
         mass_kg=round(960.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
         material="fruit",
         parts=(*parts, *_round_collision(radius, height)),
@@ -183,6 +185,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="A lemon lying on its side.",
         tags=("lemon", "fruit", "citrus", "food"),
+        traits=("food",),
         mass_kg=round(950.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.88 * half, 4),
         material="fruit",
         densities=(1.0, 1.0),

@@ -71,6 +71,10 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A compact {color} computer keyboard with six rows of keys.",
         tags=("keyboard", "computer keyboard", "desk", "typing"),
+        traits=(
+            "desk",
+            "typing",
+        ),
         mass_kg=round(16.2 * width * depth, 3),
         material="rubber",  # of its feet
         parts=(

@@ -57,6 +57,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"An open {color} laptop with a lit screen.",
         tags=("laptop", "notebook", "computer", "desk"),
+        traits=("desk",),
         mass_kg=round(30.7 * width * depth, 3),
         material="rubber",  # of its feet
         densities=(1.0, 1.1),

@@ -46,6 +46,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"An open {color} plastic lunchbox with a hinged lid.",
         tags=("lunchbox", "lunch box", "box", "container", "plastic"),
+        traits=("plastic",),
         mass_kg=0.5,
         material="plastic",
         densities=(4.0, 0.5, 0.5, 0.5, 0.5, 0.15),

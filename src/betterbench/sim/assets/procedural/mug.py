@@ -39,6 +39,7 @@ def mug(rng: np.random.Generator, color: str) -> Draft:
         shape="cylinder",
         description=f"A {color} ceramic coffee mug with a C-shaped handle.",
         tags=("mug", "cup", "coffee", "drinkware"),
+        traits=("coffee",),
         mass_kg=round(0.25 * radius / 0.0355 * height / 0.085, 4),
         material="ceramic",
         densities=(1.0, 0.45, 1.0, 1.0, 1.0),

@@ -60,6 +60,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A small {color} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
         tags=("speaker", "loudspeaker", "desktop speaker", "audio"),
+        traits=("audio",),
         mass_kg=round(785.0 * width * depth * height, 3),
         material="plastic",
         parts=(*visual, part("lamp", lamp, led, specular=0.6), solid_span((-half, half), 0.5 * width, (0.0, height))),

@@ -28,6 +28,10 @@ _INK: Rgb = (0.07, 0.08, 0.10)
 """Label of every plain jar."""
 
 
+_TRAITS = ("glass", "medicine", "pharmacy", "plain", "steel")
+"""Tags of jars and of the bottle that name a material, a use or a look."""
+
+
 @generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
 def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a glass spice jar filled to its shoulder: white salt with an S, black pepper with a P, red paprika.
@@ -215,6 +219,7 @@ def _bottle(
         shape="cylinder",
         description=description,
         tags=tags,
+        traits=tuple(tag for tag in tags if tag in _TRAITS),
         mass_kg=round(mass, 4),
         material=material,
         parts=(*visual, *standing(0.0140, *touched)),

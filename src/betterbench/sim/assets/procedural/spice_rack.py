@@ -67,6 +67,7 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A {color} wooden spice rack with three numbered holes in a row.",
         tags=("spice rack", "rack", "jar holder", "wood", "holes"),
+        traits=("wood",),
         mass_kg=0.38,
         material="wood",
         densities=(1.0,) * len(walls),

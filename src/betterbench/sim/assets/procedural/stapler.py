@@ -46,6 +46,11 @@ def stapler(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A {color} desk stapler with a steel magazine and an open mouth.",
         tags=("stapler", "office", "desk", "stationery"),
+        traits=(
+            "desk",
+            "stationery",
+            "office",
+        ),
         mass_kg=round(945.0 * length * width * height, 4),
         material="plastic",
         parts=(

@@ -39,6 +39,7 @@ def napkin_stack(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A stack of folded {color} paper napkins.",
         tags=("napkins", "napkin", "serviette", "paper"),
+        traits=("paper",),
         mass_kg=round(0.008 * count, 3),
         material="paper",
         parts=(

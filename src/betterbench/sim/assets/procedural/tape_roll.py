@@ -32,6 +32,7 @@ def tape_roll(rng: np.random.Generator, color: str) -> Draft:
         shape="round",
         description=f"A roll of {color} adhesive tape on a cardboard core.",
         tags=("tape", "roll of tape", "adhesive tape", "office"),
+        traits=("office",),
         mass_kg=round(930.0 * math.pi * (radius**2 - core**2) * width, 3),
         material="plastic",
         parts=(

@@ -1,0 +1,100 @@
+"""Import of objects that the library lacks, from a catalogue of meshes that the user has indexed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from betterbench.errors import one_line
+from betterbench.generation.building.casting import LEAST_SCORE, fitting, name_problem
+from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.sim.asset_checks.job import Target, certify_target
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+from betterbench.sim.assets.catalogue.search import Catalogue, Filters
+from betterbench.sim.assets.catalogue.sources.procedural import NAME
+from betterbench.sim.assets.folders.job import ImportRequest, import_assets
+from betterbench.sim.assets.folders.rows import request_of_row
+from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.tasks.user_files import load_asset_folders
+
+IMPORTED = "imported"
+"""Folder of the imported assets in the folder of a build; other verbs load it with --asset-dir."""
+MOST_MESHES = 3
+"""Largest number of meshes that are imported for one description; attempts at a task take turns with them."""
+_SEARCHED = 20
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedMeshes:
+    """Outcome of an import for a build.
+
+    Attributes:
+        names: Categories of the imported assets.
+        refused: Rows of the catalogue that were found and cannot be used, with the reason.
+    """
+
+    names: tuple[str, ...] = ()
+    refused: tuple[tuple[str, str], ...] = ()
+
+
+def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
+    """Import meshes for the descriptions that no object of the library suits, certify them, and load them.
+
+    Meshes are found by the words of the descriptions, and need a free license, the certificate of ``better assets
+    check`` and a name with these words. The same call keeps what is imported already.
+
+    Args:
+        scenarios: Scenarios of the build.
+        library: Catalogue of the registered assets.
+        user: Catalogue of ``better assets index``.
+        out: Folder of the build.
+
+    Raises:
+        RunConflictError: If another process writes into the folder of the assets.
+    """
+    rows = {row.id: row for described in _missing(scenarios, library) for row in _found(described, user)}
+    refused: list[tuple[str, str]] = []
+    requests = []
+    for row in rows.values():
+        request = request_of_row(row)
+        problem = _problem_of(request)
+        if problem:
+            refused.append((row.id, problem))
+        else:
+            requests.append(request)
+    if not requests:
+        return ImportedMeshes((), tuple(refused))
+    report = import_assets(requests, out / IMPORTED)
+    refused += report.failed
+    names = (*report.kept, *report.made)
+    if names:
+        load_asset_folders([out / IMPORTED])
+    return ImportedMeshes(names, tuple(refused))
+
+
+def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[DescribedObject]:
+    """Yield the descriptions that no object of the library suits, each once."""
+    asked: set[tuple[str, str]] = set()
+    for scenario in scenarios:
+        template = TEMPLATES[scenario.template]
+        for group in template.groups:
+            for described in scenario.groups.get(group.group_id, ()):
+                known = (described.asset_query, group.group_id)
+                if known not in asked and not fitting(described, group, template, library, set())[0]:
+                    yield described
+                asked.add(known)
+
+
+def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
+    """Return the best rows of the user's catalogue for a description, each with a mesh on this machine."""
+    hits = user.search(described.asset_query, limit=_SEARCHED, filters=Filters(license="free"))
+    rows = [hit.entry for hit in hits if hit.score >= LEAST_SCORE and hit.entry.source != NAME and hit.entry.path]
+    return [row for row in rows if not name_problem(described.asset_query, row)][:MOST_MESHES]
+
+
+def _problem_of(request: ImportRequest) -> str:
+    """Return why a mesh does not pass its certificate, or an empty string."""
+    certificate = certify_target(Target(request.path.name, request.path, request.wishes, request.color))
+    said = certificate.refused or "; ".join(f"{check.name}: {check.sentence}" for check in certificate.failed)
+    return one_line(said, most=300)

@@ -1,0 +1,96 @@
+"""Names of chosen objects in instructions: nouns, and colors where nouns may be confused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from betterbench.errors import InvalidInputError
+from betterbench.generation.building.choice import Choice
+from betterbench.sim.assets.catalogue.entry import CatalogueEntry
+from betterbench.sim.assets.catalogue.expansion import COLORS, understood
+from betterbench.sim.assets.catalogue.terms import terms
+
+SYNONYMS = 2
+"""Number of the first tags of an asset that name it, whatever they are."""
+
+
+def kinds_of(chosen: Sequence[Choice]) -> list[str]:
+    """Return the noun phrase of each object; colors distinguish objects whose nouns do not."""
+    nouns = _nouns(chosen)
+    kinds = []
+    for i, choice in enumerate(chosen):
+        alike = [j for j, other in enumerate(chosen) if j != i and other.entry.category == choice.entry.category]
+        noun = min((nouns[j] for j in (i, *alike) if answers_to(nouns[j], choice.entry)), key=len)
+        color = choice.entry.color
+        confused = [
+            j
+            for j, other in enumerate(chosen)
+            if j != i and (answers_to(noun, other.entry) or answers_to(nouns[j], choice.entry))
+        ]
+        for j in confused:
+            if color == chosen[j].entry.color:
+                problem = (
+                    f"{nouns[min(i, j)]!r} and {nouns[max(i, j)]!r} are both {color}, so their names may be confused"
+                )
+                raise InvalidInputError("instantiation", problem, "Describe objects of other kinds or colors")
+        kinds.append(f"{color} {noun}" if confused and color else noun)
+    return kinds
+
+
+def _nouns(chosen: Sequence[Choice]) -> list[str]:
+    """Return the noun of each object.
+
+    A name that spells out the asset, as "fries box", gives way to the everyday noun ("fries") unless this noun fits
+    another object too.
+    """
+    nouns = []
+    for i, choice in enumerate(chosen):
+        noun, everyday = _noun(choice), noun_of(choice.entry)
+        spelled = set(terms(noun)) == set(terms(choice.entry.name))
+        others = [
+            other.entry for j, other in enumerate(chosen) if j != i and other.entry.category != choice.entry.category
+        ]
+        unclear = any(answers_to(everyday, entry) for entry in others)
+        nouns.append(everyday if spelled and not unclear else noun)
+    return nouns
+
+
+def answers_to(noun: str, entry: CatalogueEntry) -> bool:
+    """Return whether an asset may be called by a noun."""
+    names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
+    concepts = understood(noun).concepts
+    said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
+    if not said:  # the search ignores "can" as a verb
+        said = [[tuple(terms(noun))]]
+    elif len(said) == 1:  # and leaves it out of "trash can"
+        said[0][0] = tuple(terms(noun))
+    return all(any(set(phrase) <= name for phrase in phrases for name in names) for phrases in said)
+
+
+def _noun(choice: Choice) -> str:
+    """Return the noun of an object: words of its query without colors, or the asset's own noun.
+
+    The name of the object may choose among the words of its query: "pepper jar" of "pepper spice jar".
+    """
+    entry, described = choice.entry, choice.described
+    asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
+    named = [word for word in described.instance_name.split("_") if word not in COLORS and not word.isdigit()]
+    left = iter(asked)
+    known = set(terms(f"{entry.name} {' '.join(entry.tags)}"))
+    for words in (named if all(word in left for word in named) else [], asked):
+        if words and words[-1:] == asked[-1:] and set(terms(" ".join(words))) <= known and all(map(str.isalpha, words)):
+            return " ".join(words)
+    return noun_of(entry)
+
+
+def noun_of(entry: CatalogueEntry) -> str:
+    """Return the noun of an asset in sentences: the tag with the words of its name ("bottom bun"), or its first tag."""
+    named = set(terms(entry.name))
+    return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)
+
+
+def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
+    """Return the nouns that an object may be called by, as terms without colors: its kind and the first tags."""
+    nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
+    found = (tuple(terms(noun)) for noun in nouns)
+    return {tuple(word for word in words if word not in COLORS) or words for words in found}

@@ -1,0 +1,295 @@
+"""Measures of objects over all of their looks, and checks that the gripper can hold them and the camera shows them.
+
+Seeds draw the look of every object, so each measure covers all looks of a category, seen and held out.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Vector, rotate
+from betterbench.interface.state import Region
+from betterbench.sim.assets import Asset, CollisionPart, build, looks, unseen_looks
+from betterbench.sim.assets.authoring.registry import Generator, generator_of
+from betterbench.sim.robots import PANDA
+from betterbench.tasks.condition import ObjectSpec
+from betterbench.tasks.relations.placing import RELEASE_GAP_M
+
+WIDEST_GRASP_M = PANDA.gripper_opening_m - 0.006
+"""Largest width of an object between the pads [m]: the opening of the gripper, less 3 mm on each side."""
+LOW_M = 0.009
+"""Least height of a grasp above the foot of an object [m]: at 9.8 mm (rolls of tape) the expert finds free grasps, at
+5.5 mm (thin stacks of napkins) the fingers touch the table (measured)."""
+FINGER_M = (0.015, 0.010)
+"""Thickness of a finger at its tip, outward from the pad, and half of its width [m], from Franka's public model."""
+CLEAR_M = 0.004
+"""Distance of the fingers from everything but the object that they hold, which the expert's planner keeps [m]."""
+SEEN_M = 0.050
+"""Least apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
+
+The camera has a focal length of 523 pixels and is 1.4 m from these slots. Objects of the suite have 24 pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Footprint:
+    """Measures of a category over all of its looks, seen and held out.
+
+    Attributes:
+        radius_m: Largest horizontal distance of a visible point from the origin of the object [m].
+        x_m: Smallest and largest x of a visible point, in the frame of the object [m].
+        y_m: Smallest and largest y of a visible point, in the frame of the object [m].
+        height_m: Largest height [m].
+        seen_m: Smallest over the looks of the apparent size from 45 degrees above [m]: the longer of both horizontal
+            sides, or height and shorter side foreshortened.
+        layer_m: Smallest and largest height of the surface that carries the next object [m].
+        grip_m: Largest over the looks of the narrowest grasp [m]; None if a look has no grasp.
+        low_m: Smallest over the looks of the height of the highest grasp [m]; 0 without grasps.
+        longish: Whether the object is more than 1.5 times as long as wide in a look.
+        inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a look
+            has no such region.
+        regions: Names of the regions that all looks have.
+    """
+
+    category: str
+    radius_m: float
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+    height_m: float
+    seen_m: float
+    layer_m: tuple[float, float]
+    grip_m: float | None
+    low_m: float
+    longish: bool
+    inside_m: tuple[float, float, float] | None
+    regions: frozenset[str]
+
+    @property
+    def width_m(self) -> float:
+        """Longer horizontal side of the bounding box [m]."""
+        return max(self.x_m[1] - self.x_m[0], self.y_m[1] - self.y_m[0])
+
+
+def footprint(category: str) -> Footprint:
+    """Return the measures of a category; the color never changes the shape.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    return _footprint(category, generator_of(category))
+
+
+@functools.lru_cache(maxsize=4096)
+def _footprint(category: str, _generator: Generator) -> Footprint:
+    """Measure a category as built by its current generator; building all looks takes about 0.1 s."""
+    return _measured(category, _all_looks(category, None))
+
+
+def _measured(category: str, assets: Sequence[Asset]) -> Footprint:
+    points = [vertex for asset in assets for part in asset.visual for vertex in part.vertices.tolist()]
+    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    regions = [{r.name: r for r in asset.regions} for asset in assets]
+    tops = [
+        named["top"].position[2] if "top" in named else asset.size_m[2]
+        for named, asset in zip(regions, assets, strict=True)
+    ]
+    grips = [min((g.width_m for g in asset.grasps), default=math.inf) for asset in assets]
+    inside = None
+    if all("inside" in named for named in regions):
+        halves = [named["inside"].half_size for named in regions]
+        inside = (min(h[0] for h in halves), min(h[1] for h in halves), 2.0 * min(h[2] for h in halves))
+    return Footprint(
+        category,
+        max(math.hypot(x, y) for x, y in zip(xs, ys, strict=True)),
+        (min(xs), max(xs)),
+        (min(ys), max(ys)),
+        max(asset.size_m[2] for asset in assets),
+        min(max(x, y, (z + min(x, y)) / math.sqrt(2.0)) for x, y, z in (asset.size_m for asset in assets)),
+        (min(tops), max(tops)),
+        None if math.isinf(max(grips)) else max(grips),
+        min(max((g.pose.position[2] for g in asset.grasps), default=0.0) for asset in assets),
+        any(asset.size_m[0] > 1.5 * asset.size_m[1] for asset in assets),
+        inside,
+        frozenset.intersection(*(frozenset(named) for named in regions)),
+    )
+
+
+def assets_of(spec: ObjectSpec) -> tuple[Asset, ...]:
+    """Return the assets of all looks of an object.
+
+    Raises:
+        UnknownNameError: If its category or its color does not exist.
+    """
+    return _all_looks(spec.category, spec.color)
+
+
+def _all_looks(category: str, color: str | None) -> tuple[Asset, ...]:
+    every = (*looks(category), *unseen_looks(category))
+    return tuple(build(category, look=look, color=color) for look in every)
+
+
+def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
+    """Return the error for an object that does not fit a pattern."""
+    return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
+
+
+def mm(length_m: float) -> str:
+    """Return a length in millimeters for a message."""
+    return f"{1000.0 * length_m:.1f} mm".replace(".0 mm", " mm")
+
+
+def region_of(spec: ObjectSpec, asset: Asset, name: str) -> Region:
+    """Return a region of an asset.
+
+    Raises:
+        InvalidInputError: If the asset does not have it.
+    """
+    regions = {region.name: region for region in asset.regions}
+    if name not in regions:
+        known = ", ".join(sorted(regions)) or "none"
+        raise refused(spec, f"has no region {name!r} (it has {known})", f"Choose an object with a region {name!r}")
+    return regions[name]
+
+
+def require_grasp(spec: ObjectSpec) -> None:
+    """Check that the gripper can hold every look of an object.
+
+    Raises:
+        InvalidInputError: If a look has no grasp, or only grasps that are too wide or too low.
+    """
+    size = footprint(spec.category)
+    if size.grip_m is None:
+        raise refused(spec, "has no grasp", "Choose an object with grasps")
+    if size.grip_m > WIDEST_GRASP_M:
+        cure = f"The gripper needs {mm(WIDEST_GRASP_M)} or less; choose a smaller object"
+        raise refused(spec, f"is {mm(size.grip_m)} thick at its narrowest grasp", cure)
+    if size.low_m < LOW_M:
+        cure = f"The gripper needs {mm(LOW_M)} or more; choose a higher object"
+        raise refused(spec, f"is held {mm(size.low_m)} above the table", cure)
+
+
+def require_usable(objects: Iterable[ObjectSpec]) -> None:
+    """Check that the gripper can hold objects, and that a camera shows them large enough.
+
+    Raises:
+        InvalidInputError: If a look has no grasp, only grasps that are too wide or too low, or is too small.
+    """
+    for spec in objects:
+        require_grasp(spec)
+        size = footprint(spec.category)
+        if size.seen_m < SEEN_M:
+            cure = f"The camera needs {mm(SEEN_M)}; choose a larger object"
+            raise refused(spec, f"can look as small as {mm(size.seen_m)}", cure)
+
+
+def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
+    """Check the horizontal size of every look of an object.
+
+    Raises:
+        InvalidInputError: If a look is longer than ``most_m``.
+    """
+    found = max(max(asset.size_m[:2]) for asset in assets_of(spec))
+    if found > most_m:
+        raise refused(spec, f"is {mm(found)} long", f"{place} has room for {mm(most_m)}; choose a smaller object")
+
+
+def foot_of(asset: Asset) -> tuple[float, float]:
+    """Return the center of an asset's foot in its frame [m]."""
+    for region in asset.regions:
+        if region.name == "base":
+            return region.position[0], region.position[1]
+    return 0.0, 0.0
+
+
+def radius_below(asset: Asset, height_m: float) -> float:
+    """Return the largest horizontal distance of an asset's collision geometry from the axis of its foot [m].
+
+    Parts that begin at ``height_m`` or higher are left out; a part that begins below counts as a whole.
+    """
+    x, y = foot_of(asset)
+    largest = 0.0
+    for part in asset.collision:
+        turned = [rotate(part.quaternion, corner) for corner in _corners(part)]
+        points = [tuple(map(sum, zip(part.position, corner, strict=True))) for corner in turned]
+        if min(z for _, _, z in points) < height_m:
+            # a cylinder extends by its radius, not to the corners of its bounding box
+            round_m = part.size[0] if part.shape in ("cylinder", "capsule", "sphere") else 0.0
+            axis = math.hypot(part.position[0] - x, part.position[1] - y)
+            far = max(math.hypot(px - x, py - y) for px, py, _ in points)
+            largest = max(largest, axis + round_m if round_m and _stands_upright(part) else far)
+    return largest
+
+
+def _corners(part: CollisionPart) -> list[Vector]:
+    if part.vertices is not None:
+        return [(float(px), float(py), float(pz)) for px, py, pz in part.vertices]
+    match part.shape:
+        case "cylinder":
+            half = (part.size[0], part.size[0], part.size[1])
+        case "capsule":
+            half = (part.size[0], part.size[0], part.size[0] + part.size[1])
+        case "sphere":
+            half = (part.size[0],) * 3
+        case _:
+            half = part.size
+    signs = itertools.product((-1.0, 1.0), repeat=3)
+    return [(sx * half[0], sy * half[1], sz * half[2]) for sx, sy, sz in signs]
+
+
+def _stands_upright(part: CollisionPart) -> bool:
+    return abs(rotate(part.quaternion, (0.0, 0.0, 1.0))[2]) > 0.999
+
+
+def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
+    """Check that the open fingers stay clear of a support, such as the rim of a plate, when an object is put on it.
+
+    The object stands in the middle of the region "top". The fingers may point in any direction, so only the distance
+    from the middle counts.
+
+    Raises:
+        InvalidInputError: If the fingers would come too close to a look of the support.
+    """
+    held = min(max((g.pose.position[2] for g in asset.grasps), default=0.0) for asset in assets_of(spec))
+    near, far = 0.5 * PANDA.gripper_opening_m, math.hypot(0.5 * PANDA.gripper_opening_m + FINGER_M[0], FINGER_M[1])
+    for asset in assets_of(support):
+        tip = region_of(support, asset, "top").position[2] + RELEASE_GAP_M + held - PANDA.tip_below_tcp_m
+        surface = _height_between(asset, near, far)
+        if tip - surface < CLEAR_M:
+            problem = (
+                f"is held so low that the fingers come within {mm(max(0.0, tip - surface))} of the {support.kind} "
+                f"(look {asset.look})"
+            )
+            cure = f"They need {mm(CLEAR_M)}; choose a thicker object, or a support without a rim"
+            raise refused(spec, problem, cure)
+
+
+def _height_between(asset: Asset, near_m: float, far_m: float) -> float:
+    """Return the largest height of an asset's collision shape at these distances from its axis [m]."""
+    points = (point for part in asset.collision for point in _surface(part))
+    return max((z for x, y, z in points if near_m <= math.hypot(x, y) <= far_m), default=0.0)
+
+
+def _surface(part: CollisionPart) -> Iterator[tuple[float, float, float]]:
+    """Yield points of the upper and lower face of a box or a cylinder, and the corners of other shapes [m]."""
+    steps = [i / 20.0 for i in range(-20, 21)]
+    if part.shape == "box":
+        x, y, z = part.size[:3]
+        points = [(x * u, y * v, side) for u in steps for v in steps[::5] for side in (-z, z)]
+    elif part.shape == "cylinder":
+        radius, half = part.size[:2]
+        around = [math.pi * step for step in steps]
+        points = [
+            (radius * r * math.cos(t), radius * r * math.sin(t), side)
+            for r in steps[20:]
+            for t in around[::5]
+            for side in (-half, half)
+        ]
+    else:
+        points = _corners(part)
+    for point in points:
+        px, py, pz = map(sum, zip(part.position, rotate(part.quaternion, point), strict=True))
+        yield px, py, pz

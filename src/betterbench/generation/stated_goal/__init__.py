@@ -1,0 +1,115 @@
+"""Goal that an instruction states, and what in it the pattern of the template cannot hold.
+
+An instruction may ask for more than the objects: a side of the laptop, a hole of the rack, a number, an order.
+:func:`stated_goal` reads these. What a pattern can hold is in :class:`StatedGoal`, from which the patterns take sides,
+drawers, holes and plates. Everything else is a problem that names the word, so that no instruction asks for a goal that
+the task does not have.
+
+- ``relations``: the words that are read.
+- ``reading``: nouns with the objects that they mean, and relations between them.
+- ``held``: the relations that each pattern holds. ``demands``: negations, numbers, orders and poses, which none holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from betterbench.generation.scenario import Scenario
+from betterbench.generation.stated_goal.demands import number_problems, word_problems
+from betterbench.generation.stated_goal.held import read_goal
+from betterbench.generation.stated_goal.reading import Reader
+from betterbench.generation.stated_goal.relations import READ_WORDS
+from betterbench.tasks.authoring.template import Template
+from betterbench.tasks.authoring.templates import TEMPLATES
+
+__all__ = ["READ_WORDS", "StatedGoal", "example_about", "goal_problems", "stated_goal"]
+
+_CAN = {
+    "patterned_arrangement": "each item goes to a side of the anchor: left, right, and behind a laptop or at the upper "
+    "right of a plate",
+    "loose_packing": "items go into the container",
+    "constrained_positioning": "one item goes on the ring of the fixture",
+    "container_loading": "one item goes into the upper drawer and one into the lower drawer",
+    "logical_assembly": "layers go onto the base, one on the other",
+    "precision_insertion": "each item goes into a hole of the rack: left, middle or right",
+    "recursive_stacking": "plates go on plates",
+}
+"""Relations that the pattern of each template can hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedGoal:
+    """Parts of a goal that an instruction states and the patterns hold.
+
+    Attributes:
+        regions: Side, drawer ("upper") or hole ("hole_1") by the ``instance_name`` of an item.
+        onto: Pairs of plates by ``instance_name``: the upper and the lower one.
+        problems: Words that ask for something else, with the reason.
+    """
+
+    regions: Mapping[str, str] = field(default_factory=dict)
+    onto: tuple[tuple[str, str], ...] = ()
+    problems: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def placed(self) -> frozenset[str]:
+        """Names of the objects with a stated place."""
+        return frozenset(self.regions) | frozenset(name for pair in self.onto for name in pair)
+
+    @property
+    def is_specific(self) -> bool:
+        """Whether the instruction states more than the relation of the template."""
+        return bool(self.regions or self.onto)
+
+
+def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
+    """Yield the words of an instruction that ask for a goal the pattern does not hold, as problem and remedy."""
+    for word, reason in stated_goal(scenario).problems:
+        can = _CAN.get(template.name, template.description)
+        cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"
+        yield f"asks for {word!r}, but {reason}; in {template.name}, {can}", cure
+
+
+def stated_goal(scenario: Scenario) -> StatedGoal:
+    """Read the goal that the instruction of a scenario states."""
+    if scenario.template not in _CAN or not scenario.groups:
+        return StatedGoal()
+    reader = Reader(scenario)
+    regions, onto, problems = read_goal(reader)
+    found = (*word_problems(reader), *number_problems(reader), *problems)
+    return StatedGoal(regions, onto, tuple(dict.fromkeys(found)))
+
+
+def example_about(scenario: Scenario) -> str:
+    """Return an instruction with the objects of a scenario that its pattern can hold."""
+    template = TEMPLATES[scenario.template]
+    roles = {group.group_id: group.role for group in template.groups}
+    nouns = {
+        role: [
+            o.instance_name.replace("_", " ")
+            for g, objects in scenario.groups.items()
+            if roles[g] == role
+            for o in objects
+        ]
+        for role in ("item", "container", "fixture")
+    }
+    items = nouns["item"] or ["item"]
+    target = next((names[0] for names in (nouns["container"], nouns["fixture"]) if names), "")
+    match scenario.template:
+        case "patterned_arrangement":
+            return f"Put the {items[0]} to the left of the {target}."
+        case "loose_packing":
+            return f"Put the {items[0]} into the {target}."
+        case "constrained_positioning":
+            return f"Put the {items[0]} on the ring of the {target}."
+        case "container_loading":
+            return f"Put the {items[0]} into the upper drawer."
+        case "logical_assembly":
+            return f"Build a {'burger' if 'patty' in items else 'tower of blocks'} on the {target}."
+        case "precision_insertion":
+            return f"Put the {items[0]} into the left hole of the {target}."
+        case _:
+            plates = sorted(scenario.groups["plates"], key=lambda o: sum(o.size_m))
+            upper, lower = (o.instance_name.replace("_", " ") for o in (plates[0], plates[-1]))
+            return f"Put the {upper} on the {lower}."

@@ -1,0 +1,94 @@
+"""Words of an instruction that state a negation, a choice, an order, a pose or another number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from betterbench.generation.sentence_words import COUNTS, NUMBERS, number_before, words_of_object
+from betterbench.generation.stated_goal.reading import Mention, Reader
+from betterbench.generation.stated_goal.relations import AGAIN, CHOICES, COMPARED, NEGATIONS, OPEN, ORDER, POSES, THEN
+from betterbench.generation.vocabulary import COLLECTIVES
+
+_LOADS = frozenset({"in", "into", "inside"})
+_MAY_CHAIN = ("loose_packing", "logical_assembly")
+"""Templates with an order in which objects are named. Their training conditions have two objects that change."""
+
+
+_NEVER = (
+    (NEGATIONS, "no goal leaves something out"),
+    (CHOICES, "a goal has no choice and no condition"),
+    (AGAIN, "a step is not repeated"),
+)
+_UNLESS_DESCRIBED = (
+    (POSES, "no pose of an object is judged"),
+    (OPEN, "nothing is opened or left open"),
+)
+
+
+def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
+    """Yield the words that state a negation, a choice, an order, a pose or a number of nothing, with the reason."""
+    described = frozenset().union(*map(words_of_object, r.objects.values()))
+    items = [m for m in r.mentions.values() if r.is_item(m)]
+    for i, word in enumerate(r.tokens):
+        if word in COMPARED:
+            yield r.raw[i], "objects are told apart by kind and color"
+        if i in r.taken:
+            continue
+        reasons = [reason for words, reason in _NEVER if word in words]
+        reasons += [reason for words, reason in _UNLESS_DESCRIBED if word in words and word not in described]
+        reasons += [reason for reason in (_closing(r, i), _number(r, i)) if reason]
+        if (word in THEN or word in ORDER or word == "first") and not _order_is_held(r, i, items):
+            reasons.append("the goal has no such order")
+        yield from ((r.raw[i], reason) for reason in reasons)
+
+
+def _closing(r: Reader, at: int) -> str:
+    """Return a reason if a word closes something that is not a drawer, or a drawer into which nothing is put."""
+    if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
+        return ""
+    if r.scenario.template != "container_loading":
+        return "nothing is closed there"
+    return "" if _LOADS & set(r.tokens) else "a drawer is closed after something was put into it"
+
+
+def _number(r: Reader, at: int) -> str:
+    """Return a reason if a word is a number that no scene has, or that counts nothing."""
+    raw = r.raw[at]
+    if raw in NUMBERS:
+        return "" if _counts_a_noun(r, at) else "it is the number of nothing in the goal"
+    if raw.isdigit() or r.tokens[at] in COUNTS:
+        return "a scene has up to four objects of a kind, and their number must be said"
+    return ""
+
+
+def _counts_a_noun(r: Reader, at: int) -> bool:
+    """Return whether a number belongs to a noun of objects or holes."""
+    counted = (m.at for m in r.mentions.values() if m.at - 4 <= at < m.at)
+    return any(number_before(r.raw, i) for i in counted) or "hole" in r.tokens[at + 1 : at + 3]
+
+
+def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
+    """Return whether the pattern keeps an order: of the first two objects, or of closing a drawer."""
+    word = r.tokens[at]
+    if r.scenario.template == "container_loading":
+        return word == "then" and bool({"close", "shut"} & set(r.tokens[at + 1 : at + 3]))
+    if r.scenario.template not in _MAY_CHAIN or word in ORDER or len(items) > 2:
+        return False
+    if word == "first":
+        return len(items) < 2 or at < items[1].at
+    return len(items) == 2 and items[0].end <= at <= items[1].at
+
+
+def number_problems(r: Reader) -> Iterator[tuple[str, str]]:
+    """Yield the numbers that are not those of the objects."""
+    for mention in r.mentions.values():
+        items = [n for n in mention.objects if r.role_of[n] in ("item", "drawer")]
+        noun = r.raw[mention.end - 1]
+        if not mention.number or not items or r.tokens[mention.end - 1] in COLLECTIVES:
+            continue
+        stated = number_before(r.raw, mention.at)
+        number = 1 if r.scenario.template == "constrained_positioning" else len(items)
+        if r.scenario.template == "logical_assembly" and stated:
+            number = len(r.scenario.groups.get("layers", ())) - 1
+        if mention.number > number or (stated and mention.number != number):
+            yield stated or noun, f"the goal has {number} of the {noun}"

@@ -1,0 +1,250 @@
+"""Reading of an instruction: the objects that its nouns mean, and the relations between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from betterbench.generation.measures import footprint
+from betterbench.generation.scenario import DescribedObject, Scenario
+from betterbench.generation.sentence_words import (
+    DETERMINERS,
+    NUMBERS,
+    STOPS,
+    color_before,
+    is_plural_form,
+    number_before,
+    raw_tokens,
+    sentence_tokens,
+    words_of_object,
+)
+from betterbench.generation.stated_goal.relations import (
+    GATHERED,
+    HOLES,
+    LONGEST_RELATION,
+    POSITIONS,
+    PRONOUNS,
+    RELATIONS,
+    RING_OR_SPOUT,
+    SIDES,
+    SURFACES,
+)
+from betterbench.generation.vocabulary import collective, head_nouns, known_nouns, nouns_of
+from betterbench.sim.assets import categories
+from betterbench.sim.assets.catalogue.expansion import COLORS
+from betterbench.sim.assets.catalogue.terms import terms
+from betterbench.tasks.authoring.templates import TEMPLATES
+
+
+@dataclass(frozen=True, slots=True)
+class Mention:
+    """Noun of an instruction.
+
+    Attributes:
+        at: Place of its first word among the tokens.
+        end: Place after its last word.
+        objects: Names of the objects that it may mean.
+        number: Stated number of objects, 2 for a plural without a number, otherwise 0.
+    """
+
+    at: int
+    end: int
+    objects: tuple[str, ...]
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """Relation that an instruction states.
+
+    Attributes:
+        words: Its words ("to the left of").
+        meaning: Its meaning ("left").
+        subjects: Nouns before it that have no relation yet.
+        target: Noun after it, None for a place or without a target.
+        place: Place after it ("table", "ring"), or "it" for a pronoun; empty if there is none.
+        position: Word before "hole" ("left"), or a part of the target ("ring").
+    """
+
+    words: str
+    meaning: str
+    subjects: tuple[Mention, ...]
+    target: Mention | None
+    place: str
+    position: str
+
+
+class Reader:
+    """Words of an instruction, with the objects that they mean.
+
+    Attributes:
+        objects: Objects of the scenario by name, and ``role_of`` their roles.
+        surfaces: Places on which all objects stand.
+        raw: Words as written, in small letters, and ``tokens`` in the singular.
+        mentions: Nouns by the place of their first word; ``taken`` are the places of all their words.
+        positions: Places of words such as "left" that belong to no relation; :meth:`relations` finds them.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.roles = {group.group_id: group.role for group in TEMPLATES[scenario.template].groups}
+        self.objects = {o.instance_name: o for objects in scenario.groups.values() for o in objects}
+        self.role_of = {
+            o.instance_name: self.roles.get(g, "item") for g, objects in scenario.groups.items() for o in objects
+        }
+        self.surfaces = SURFACES | frozenset(terms(scenario.context))
+        self.raw = raw_tokens(scenario.instruction)
+        self.tokens = sentence_tokens(scenario.instruction)
+        self.mentions = {mention.at: mention for mention in self._mentions()}
+        self.taken = {i for mention in self.mentions.values() for i in range(mention.at, mention.end)}
+        self.positions: list[int] = []
+
+    def _mentions(self) -> Iterator[Mention]:
+        """Yield the nouns that may mean objects, in order."""
+        known = dict(known_nouns(self.tokens))
+        taken = {i for at, noun in known.items() for i in range(at, at + len(noun))}
+        heads = {terms(o.asset_query)[-1] for o in self.objects.values() if terms(o.asset_query)}
+        for i, word in enumerate(self.tokens):
+            if i not in taken and word in heads:
+                known[i] = (word,)
+        for at, noun in sorted(known.items()):
+            end = at + len(noun)
+            number = self._number(at, end)
+            if at or number:  # "File the papers." begins with a verb
+                yield Mention(at, end, self._meant(at, noun), number)
+
+    def _number(self, at: int, end: int) -> int:
+        """Return the stated number of objects, 2 for a plural without a number, and 0 if nothing is stated."""
+        said = number_before(self.raw, at)
+        if said:
+            return NUMBERS[said]
+        return 2 if is_plural_form(self.raw[end - 1]) else 0
+
+    def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the objects that a noun may mean; those that are called so come before those described with it."""
+        alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
+        words = [alias.get(word, word) for word in noun]
+        last, color = words[-1], color_before(self.tokens, at)
+
+        def tiers(o: DescribedObject) -> Iterator[bool]:
+            query = terms(o.asset_query)
+            yield query[-1:] == [last]
+            yield last in query or last in terms(o.instance_name.replace("_", " "))
+            yield last in words_of_object(o)
+
+        found = self._members(noun[-1]) or self._of_type(noun)
+        for tier in zip(*(tuple(tiers(o)) for o in self.objects.values()), strict=True):
+            found = found or [name for name, fits in zip(self.objects, tier, strict=True) if fits]
+        for wanted in (words[:-1], [color] if color else []):
+            narrowed = [name for name in found if wanted and set(wanted) <= words_of_object(self.objects[name])]
+            found = narrowed or found
+        return tuple(found)
+
+    def _members(self, noun: str) -> list[str]:
+        """Return the items that a collective stands for: the jars for "spices"."""
+        members = collective(noun)
+        items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
+        return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
+
+    def _of_type(self, noun: tuple[str, ...]) -> list[str]:
+        """Return the container, fixture or drawers whose type a noun names: the waste bin for "trash can"."""
+        groups = TEMPLATES[self.scenario.template].groups
+        receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
+        named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
+        return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
+
+    def relations(self) -> Iterator[Said]:
+        """Yield the relations, each with the objects before it that have none yet."""
+        pending: list[Mention] = []
+        at = 0
+        while at < len(self.tokens):
+            length = self._relation_length(at)
+            if length:
+                meaning = RELATIONS[tuple(self.tokens[at : at + length])]
+                target, place, position, end = self._target(at + length)
+                if not self._is_idiom(at, meaning, place):
+                    words = " ".join(self.raw[at : at + length])
+                    yield Said(words, meaning, tuple(pending), target, place, position)
+                    if place not in self.surfaces:
+                        pending = []
+                at = end
+            elif self.tokens[at] in ("with", "put", "place", "set"):
+                pending = [m for m in pending if self.is_item(m)]
+                at += 1
+            elif at in self.mentions:
+                pending.append(self.mentions[at])
+                at = self.mentions[at].end
+            else:
+                if at and self.tokens[at] in POSITIONS:
+                    self.positions.append(at)
+                at += 1
+
+    def _relation_length(self, at: int) -> int:
+        lengths = range(min(LONGEST_RELATION, len(self.tokens) - at), 0, -1)
+        # "on the bottom" is no relation in "on the bottom bun"
+        free = (n for n in lengths if at not in self.taken and at + n - 1 not in self.taken)
+        return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
+
+    def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
+        """Return whether the words of a relation state none: "to go", "in one pile"."""
+        following = self.tokens[at + 1] if at + 1 < len(self.tokens) else ""
+        return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
+
+    def _target(self, at: int) -> tuple[Mention | None, str, str, int]:
+        """Return the target after a relation: the object, the place, the position before "hole", and the end."""
+        position = place = ""
+        i = at
+        while i < len(self.tokens):
+            word = self.tokens[i]
+            if i in self.mentions and self.mentions[i].objects:
+                end = self.mentions[i].end
+                if self.tokens[end : end + 1] == ["s"] and RING_OR_SPOUT & set(self.tokens[end + 1 : end + 2]):
+                    return self.mentions[i], "", self.tokens[end + 1], end + 2  # "the machine's ring"
+                return self.mentions[i], "", position, end
+            if word == "of" and place:
+                place_before, place = place, ""
+                position = place_before if place_before in RING_OR_SPOUT else position
+                i += 1
+                continue
+            if word in PRONOUNS:
+                return None, "it", position, i + 1
+            if (word in STOPS and word not in POSITIONS) or word in (",", ".") or self._relation_length(i) > 1:
+                break
+            if word in HOLES and self._before_hole(i):
+                position = word
+            elif word not in DETERMINERS and word not in COLORS:
+                place = word
+                self.positions += [i] if word in POSITIONS else []
+            i += 1
+        return None, place, position, i
+
+    def _before_hole(self, at: int) -> bool:
+        return "hole" in self.tokens[at + 1 : at + 3] or "slot" in self.tokens[at + 1 : at + 3]
+
+    def is_item(self, mention: Mention) -> bool:
+        """Return whether a noun may mean an object that is moved."""
+        return any(self.role_of[name] in ("item", "distractor") for name in mention.objects)
+
+    def is_on_surface(self, said: Said) -> bool:
+        """Return whether a relation only states that something is on the table."""
+        return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
+
+    def receiver(self, said: Said) -> bool:
+        """Return whether the target is a container, a fixture or a drawer, or a pronoun for one."""
+        if said.target is not None:
+            return any(self.role_of[n] in ("container", "fixture", "drawer") for n in said.target.objects)
+        return said.place == "it" and any(
+            self.role_of[n] in ("container", "fixture", "drawer") for m in self.mentions.values() for n in m.objects
+        )
+
+    def moved(self, said: Said) -> str:
+        """Return a reason if something else than an item would be moved."""
+        wrong = [m for m in said.subjects if m.objects and not self.is_item(m)]
+        return f"the {self.raw[wrong[0].end - 1]} stays where it is" if wrong else ""
+
+    def sides(self) -> tuple[str, ...]:
+        """Return the sides of the anchor, all if its category is not known before an asset is chosen."""
+        (anchor,) = self.scenario.groups["anchor"] or (None,)
+        category = "_".join(anchor.tags[0].split()) if anchor is not None and anchor.tags else ""
+        offered = footprint(category).regions if category in categories() else frozenset(SIDES)
+        return tuple(side for side in SIDES if side in offered)
