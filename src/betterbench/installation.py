@@ -67,6 +67,7 @@ EXTRAS = {
     "ray": Extra("runs on a Ray cluster", ("ray",)),
     "vla-eval": Extra("our tasks in vla-evaluation-harness", ("vla_eval",)),
     "being-h": Extra("policy servers of Being-H", ("torch",)),
+    "vlm": Extra("vision-language models in the process", ("torch", "transformers")),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
 """The extras of the package by name, except that for developers."""
