@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from betterbench.vqa.dataset import QuestionSet, SetOptions
     from betterbench.vqa.decisive import DecisiveOptions
 
+CoordinateNames = Literal[
+    "pixels", "thousandths", "fractions", "thousandths-json", "thousandths-yx-json", "percent-xml"
+]
 QuestionTypes = Literal["grounding", "counting", "relation", "containment", "stacking", "state", "execution", "premise"]
 
 
@@ -85,7 +88,7 @@ class ModelOptions:
     describe: str | None = None
     images: int = 100
     model: str = "default"
-    coordinates: Literal["pixels", "thousandths", "fractions"] = "pixels"
+    coordinates: CoordinateNames = "pixels"
     at_once: int = 4
     answers: Path | None = None
     learner: str | None = None
