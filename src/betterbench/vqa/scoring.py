@@ -32,15 +32,31 @@ def is_right(question: Question, answer: str | None) -> bool:
     if answer is None:
         return False
     if question.form is Form.BOX and question.box is not None:
-        boxes = numbers_of(answer)
-        return len(boxes) == 1 and len(boxes[0]) == 4 and overlap(boxes[0], question.box) >= LEAST_OVERLAP
+        return is_in_place(numbers_of(answer), box=question.box, runs=None, width=question.width)
     if question.form is Form.POINT and question.runs is not None:
-        points = numbers_of(answer)
-        if len(points) != 1 or len(points[0]) != 2:
-            return False
-        x, y = (int(v + 0.5) if v >= 0 else -1 for v in points[0])
-        return in_runs(question.runs, question.width, x, y)
+        return is_in_place(numbers_of(answer), box=None, runs=question.runs, width=question.width)
     return answer == question.answer
+
+
+def is_in_place(
+    groups: Sequence[Sequence[float]], *, box: Sequence[float] | None, runs: tuple[int, ...] | None, width: int
+) -> bool:
+    """Return whether a single box overlaps the true box enough, or a single point is on a visible pixel.
+
+    Args:
+        groups: Numbers of the answered boxes or points [pixel].
+        box: The true box, for a box.
+        runs: The visible pixels, for a point.
+        width: Columns of the image [pixel].
+    """
+    if len(groups) != 1:
+        return False
+    if runs is not None:
+        if len(groups[0]) != 2:
+            return False
+        x, y = (int(v + 0.5) if v >= 0 else -1 for v in groups[0])
+        return in_runs(runs, width, x, y)
+    return len(groups[0]) == 4 and box is not None and overlap(groups[0], box) >= LEAST_OVERLAP
 
 
 def overlap(a: Sequence[float], b: Sequence[float]) -> float:

@@ -174,7 +174,7 @@ def _made(
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the set")
     require_cameras(asked.cameras)
-    return (_balanced(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
+    return (balanced_set(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
@@ -243,8 +243,8 @@ def _ask_learner(
     print_own_answers(list(summaries_of(answers)))
 
 
-def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
-    """Make or resume a balanced set."""
+def balanced_set(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
+    """Make or resume a balanced set about the records of a run."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.dataset import make_set
