@@ -31,8 +31,8 @@ _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 VERBS = (
     "doctor", "list", "assets", "review", "worlds", "premise", "import-better", "show", "generate", "build",
     "certify", "calibrate", "eval", "collect", "teleop", "amplify", "dataset", "train", "study", "shortcuts",
-    "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "replay", "serve",
-    "demo", "audit-paper",
+    "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "vlm", "replay",
+    "serve", "demo", "audit-paper",
 )  # fmt: skip
 """The verbs of the command line, in the order of its overview."""
 

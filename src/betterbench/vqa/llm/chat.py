@@ -172,13 +172,30 @@ class ScriptedChat:
         return self._answer(messages)[: 8 * max_tokens]
 
 
+PICTURE = "<image>"
+"""Mark of a picture's place in a prompt."""
+
+_MEDIA_TYPES = ((b"\x89PNG", "image/png"), (b"GIF8", "image/gif"), (b"RIFF", "image/webp"))
+
+
 def user_message(text: str, *images: bytes) -> Message:
-    """Return a user message with images (JPEG) before the text."""
-    shown = [
-        {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"}}
-        for image in images
-    ]
-    return {"role": "user", "content": [*shown, {"type": "text", "text": text}]}
+    """Return a user message with images (PNG, JPEG, GIF or WebP).
+
+    If the text contains :data:`PICTURE` once per image, the images stand at these places; otherwise all images come
+    before the text.
+    """
+    shown = [{"type": "image_url", "image_url": {"url": _data_address(image)}} for image in images]
+    parts = text.split(PICTURE)
+    if not images or len(parts) != len(images) + 1:
+        return {"role": "user", "content": [*shown, {"type": "text", "text": text}]}
+    texts = [{"type": "text", "text": part} for part in parts]
+    mixed = [item for pair in zip(texts, [*shown, None], strict=True) for item in pair]
+    return {"role": "user", "content": [item for item in mixed if item is not None and item.get("text") != ""]}
+
+
+def _data_address(image: bytes) -> str:
+    kind = next((kind for start, kind in _MEDIA_TYPES if image.startswith(start)), "image/jpeg")
+    return f"data:{kind};base64,{base64.b64encode(image).decode()}"
 
 
 def _told(reply: bytes) -> str:

@@ -1,0 +1,167 @@
+"""``better vlm``: static evaluation of a vision-language model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.verbs.vqa import CoordinateNames
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.jobs import OnCount
+    from betterbench.vlm import Benchmark, ItemSet
+
+FETCH = "fetch"
+"""First word of a command that downloads data."""
+
+
+def vlm_command(
+    benchmark: Annotated[str, tyro.conf.Positional] = "better-vqa",
+    fetched: Annotated[str | None, tyro.conf.Positional] = None,
+    *,
+    model: str | None = None,
+    data: Path | None = None,
+    out: Path | None = None,
+    prompt: str | None = None,
+    coordinates: CoordinateNames | None = None,
+    extractor: str | None = None,
+    scoring: Literal["own", "official"] = "own",
+    questions: int = 1000,
+    at_once: int = 4,
+    max_tokens: int = 1024,
+    workers: int = 1,
+    key_variable: str = "OPENAI_API_KEY",
+    extractor_key_variable: str = "OPENAI_API_KEY",
+    json: bool = False,
+) -> None:
+    """Ask a vision-language model the questions of a static benchmark and score its answers.
+
+    The benchmarks are better-vqa (our own questions about recorded frames, which needs no data), embspatial, refspatial
+    and egoplan2. better vlm fetch BENCHMARK downloads data or says what to put where. Every item counts: a missing or
+    unreadable answer is wrong. The same command resumes an interrupted run and asks no item twice.
+
+    Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
+
+    Args:
+        benchmark: Benchmark, or "fetch".
+        fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
+        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model.
+        data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
+        out: Folder of the run.
+        prompt: Identifier of the prompt; our own if not given.
+        coordinates: Order, scale and form of the model's points and boxes; fractions for refspatial and pixels
+            otherwise if not given. It is never guessed.
+        extractor: Chat endpoint of a language model that copies the answer out of texts that cannot be read.
+        scoring: "official" adds the numbers of upstream scorers, with their faults.
+        questions: Approximate number of questions of a set that is made.
+        at_once: Number of simultaneous requests.
+        max_tokens: Longest answer in tokens.
+        workers: Number of worker processes that make a set.
+        key_variable: Environment variable with the key of the endpoint.
+        extractor_key_variable: Environment variable with the key of the extractor's endpoint.
+        json: Print one JSON document instead of tables.
+    """
+    from betterbench.vlm import find_benchmark
+
+    if benchmark == FETCH:
+        _fetch(fetched, data, json=json)
+        return
+    if fetched is not None:
+        raise InvalidInputError("better vlm", f"got a second word, {fetched!r}", "Give one benchmark, or fetch and one")
+    chosen = find_benchmark(benchmark)
+    if model is None:
+        raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
+    if out is None:
+        raise InvalidInputError("--out", "is missing", "Name the folder of the run")
+
+    from betterbench.cli.output.vlm import print_run
+    from betterbench.vlm.prompts import find_prompt
+    from betterbench.vlm.running import RunSettings, evaluate_model
+    from betterbench.vqa.llm import ChatModel, endpoint_at
+
+    asked = ChatModel(endpoint_at(model, key_variable=key_variable), max_tokens)
+    reader = None
+    if extractor is not None:
+        reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
+    wording = find_prompt(chosen.name, prompt)
+    default: CoordinateNames = wording.coordinates or ("fractions" if chosen.name == "refspatial" else "pixels")
+    settings = RunSettings(wording, coordinates or default, at_once, official=scoring == "official")
+    wording.require_convention(settings.coordinates)
+    items = _items(chosen, data, questions, workers)
+    run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
+    if json:
+        print_json({"run": str(out), **run.to_json()})
+        return
+    print_run(chosen, run)
+    OUT.print(str(out), markup=False, soft_wrap=True)
+
+
+@contextmanager
+def _bar(what: str, total: int) -> Iterator[OnCount]:
+    with progress_bar(what, total) as (bar, task):
+        yield lambda done, _: bar.update(task, completed=done)
+
+
+def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -> ItemSet:
+    """Return the items in a folder, or those of a set that is made when none is given."""
+    if data is None:
+        if chosen.source.repository:
+            cure = f"Give the folder with its data; better vlm fetch {chosen.name} says what to put there"
+            raise InvalidInputError("--data", "is missing", cure)
+        data = _made(questions, workers)
+    elif not chosen.source.repository:
+        say(f"set: {data}")
+    return chosen.load(data)
+
+
+def _made(questions: int, workers: int) -> Path:
+    """Make or resume a question set about one trial of the expert on each condition of the suite, and return it."""
+    import platformdirs
+
+    from betterbench.cli.verbs.evaluate import run_with_bar
+    from betterbench.cli.verbs.vqa import balanced_set
+    from betterbench.evaluation import make_plan
+    from betterbench.version import __version__
+    from betterbench.vqa.dataset import SetOptions
+
+    options = SetOptions(questions=questions, frames=4)
+    place = platformdirs.user_cache_path("betterbench") / "vlm" / f"{__version__}-{questions}"
+    folder = place / "set"
+    say(f"set: {folder}, made from one trial of the expert on each condition of the suite")
+    if not (folder / "summary.json").exists():
+        plan = make_plan("expert", trials=1, observation="state_only", quality="fast")
+        run_with_bar(plan, place / "records", label="the expert", workers=workers)
+    balanced_set(place / "records", folder, options, workers)
+    return folder
+
+
+def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
+    """Download the data of a benchmark, or say what to put where."""
+    from betterbench.vlm import find_benchmark
+
+    if name is None:
+        raise InvalidInputError("better vlm fetch", "names no benchmark", "Write better vlm fetch BENCHMARK --data DIR")
+    chosen = find_benchmark(name)
+    from betterbench.cli.output.vlm import print_source
+    from betterbench.vlm.fetching import fetch_data
+
+    if not chosen.source.repository:
+        raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run better vlm {chosen.name}")
+    if folder is None:
+        print_source(chosen)
+        raise InvalidInputError("--data", "is missing", "Name the folder for the data")
+    with progress_bar(f"data of {chosen.name}", 0) as (bar, task):
+        fetched = fetch_data(
+            chosen, folder, on_progress=lambda done, total: bar.update(task, completed=done, total=total or None)
+        )
+    if json:
+        print_json({"data": str(folder), "files": [file.to_json() for file in fetched], "terms": chosen.source.terms})
+        return
+    print_source(chosen, fetched)
+    OUT.print(str(folder), markup=False, soft_wrap=True)
