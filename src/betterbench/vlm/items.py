@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import dump_json
+from betterbench.vlm.models.eyes import Eyes, shown_picture
 from betterbench.vlm.pictures import mask_of
 from betterbench.vqa.asking import Request
 from betterbench.vqa.coordinates import Convention
@@ -114,12 +115,12 @@ class ItemSet:
             digest.update(dump_json({**asdict(item), "form": item.form.value}))
         return digest.hexdigest()
 
-    def request(self, item: Item, prompt: str) -> Request:
-        """Return the request for an item with a given prompt."""
-        return Request(prompt, partial(self._pictures, item))
+    def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:
+        """Return the request for an item with a given prompt, with its pictures at a resolution."""
+        return Request(prompt, partial(self._pictures, item, eyes))
 
-    def _pictures(self, item: Item) -> tuple[bytes, ...]:
-        return tuple(self.read(name) for name in item.pictures)
+    def _pictures(self, item: Item, eyes: Eyes) -> tuple[bytes, ...]:
+        return tuple(shown_picture(self.read(name), eyes).data for name in item.pictures)
 
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
         """Return a target region, shape (rows, columns): the pixels with values greater than ``above``."""

@@ -1,13 +1,15 @@
 """A resumable run of a model over a static benchmark.
 
 A run folder holds ``run.json`` (what is asked, of which model, with which prompt and convention; written first),
-``answers.jsonl`` (one synced line per answer), ``extracted.jsonl`` (replies of the extractor), and at the end
-``items.jsonl`` (value, stage and score of each item) and ``result.json``.
+``shown.png`` (a picture at each resolution), ``probe.jsonl`` (answers of the probe of coordinates), ``answers.jsonl``
+(one synced line per answer), ``extracted.jsonl`` (replies of the extractor), and at the end ``items.jsonl`` (value,
+stage and score of each item) and ``result.json``.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
@@ -25,18 +27,25 @@ from betterbench.quoting import json_line
 from betterbench.version import __version__
 from betterbench.vlm.benchmarks.benchmark import Benchmark
 from betterbench.vlm.items import ItemSet
+from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
 from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
+from betterbench.vlm.probe import TARGETS, probe_model
 from betterbench.vlm.prompts import Prompt
 from betterbench.vlm.scoring import StaticScore, score_answers
 from betterbench.vqa.asking import Answers, AnswersHead, Request, ask_all
-from betterbench.vqa.coordinates import CONVENTIONS, Coordinates
+from betterbench.vqa.coordinates import CONVENTIONS, Convention, Coordinates
 from betterbench.vqa.llm import Model
 from betterbench.vqa.parsing import read_text
 from betterbench.vqa.parsing.extractor import extraction_prompt
+from betterbench.vqa.question import Form
+
+logger = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
 RUN_NAME, ANSWERS_NAME, EXTRACTED_NAME = "run.json", "answers.jsonl", "extracted.jsonl"
-ITEMS_NAME, RESULT_NAME = "items.jsonl", "result.json"
+ITEMS_NAME, RESULT_NAME, SHOWN_NAME = "items.jsonl", "result.json", "shown.png"
+PROBE_NAME = "probe.jsonl"
+PLACES = (Form.POINT, Form.POINTS, Form.BOX)
 _MAX_BYTES = 1 << 24
 _CURE = "Choose another folder with --out"
 _NOT_COMPARED = ("begun", "betterbench")
@@ -52,14 +61,23 @@ class RunSettings:
     Attributes:
         prompt: The prompt.
         coordinates: Declared convention of coordinates.
+        eyes: Resolution of the pictures.
         at_once: Number of simultaneous requests.
+        probe: Whether the declared convention is checked with ten pictures before a run with points or boxes.
         official: Whether to add the scores of upstream programs.
     """
 
     prompt: Prompt
     coordinates: Coordinates = "pixels"
+    eyes: Eyes = Eyes.NATIVE
     at_once: int = 4
+    probe: bool = False
     official: bool = False
+
+    @property
+    def convention(self) -> Convention:
+        """Convention of the answers, in the pictures as they are shown."""
+        return convention_for(self.eyes, CONVENTIONS[self.coordinates])
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +133,8 @@ def evaluate_model(
         bar: Opens a progress bar.
 
     Raises:
-        InvalidInputError: If the prompt asks for another convention, or a picture cannot be read.
+        InvalidInputError: If the prompt asks for another convention, the model answers in another one, or a picture
+            cannot be read.
         ModelError: If the model cannot be reached; earlier answers are kept.
         RunConflictError: If the folder contains another run or other files, or another process writes to it.
         StorageError: If the disk is full or protected.
@@ -125,12 +144,13 @@ def evaluate_model(
     require_free(out, "run", file=RUN_NAME)
     with on_disk(out), job_folder(out):
         head = _begin(out, _head(benchmark, items, model, settings, extractor))
+        _show(items, out)
+        _check_convention(items, model, out, settings, bar)
         answers = _asked(items, model, out, settings, bar)
         texts = {name: answer.text for name, answer in answers.answers.items()}
         extracted = None if extractor is None else _extracted(items, extractor, texts, out, settings=settings, bar=bar)
         told = {} if extracted is None else {name: a.text for name, a in extracted.answers.items()}
-        convention = CONVENTIONS[settings.coordinates]
-        score = score_answers(benchmark, items, texts, convention, extractions=told)
+        score = score_answers(benchmark, items, texts, settings.convention, extractions=told)
         scorers = UPSTREAM.get(benchmark.name, ()) if settings.official else ()
         upstream = tuple(upstream_scores(scorers, items, texts, score, settings.coordinates))
         refused = sum(answer.error is not None for answer in answers.answers.values())
@@ -152,6 +172,7 @@ def _head(
         "prompt": settings.prompt.id,
         "template": settings.prompt.template,
         "coordinates": settings.coordinates,
+        "eyes": settings.eyes.value,
         "extractor": None if extractor is None else extractor.name,
         "betterbench": __version__,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -176,9 +197,41 @@ def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
     return head
 
 
+def _show(items: ItemSet, out: Path) -> None:
+    """Write a picture of what a model is shown at each resolution, from the first item with a picture."""
+    name = next((item.pictures[-1] for item in items.items if item.pictures), None)
+    if name is None or (out / SHOWN_NAME).exists():
+        return
+    try:
+        sheet = contact_sheet(items.read(name))
+    except OSError:
+        return  # the request about this picture says what is wrong with it
+    write_durably(out / SHOWN_NAME, sheet)
+
+
+def _check_convention(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> None:
+    """Raise InvalidInputError if the model answers pictures with known places in another convention."""
+    if not settings.probe or all(item.form not in PLACES for item in items.items):
+        return
+    with bar("checking the coordinates", len(TARGETS)) as on_progress:
+        finding = probe_model(
+            model,
+            out / PROBE_NAME,
+            declared=settings.coordinates,
+            eyes=settings.eyes,
+            at_once=settings.at_once,
+            on_progress=on_progress,
+        )
+    finding.require(settings.coordinates)
+    if not finding.found:
+        logger.warning("%s Points and boxes are read as %s.", finding.sentence, settings.coordinates)
+
+
 def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> Answers:
-    convention = CONVENTIONS[settings.coordinates]
-    requests = {item.id: items.request(item, settings.prompt.text(item, convention)) for item in items.items}
+    requests = {
+        item.id: items.request(item, settings.prompt.text(item, settings.convention), settings.eyes)
+        for item in items.items
+    }
     head = AnswersHead(model.name, items.sha256, settings.coordinates)
     with bar(f"asking {model.name}", len(requests)) as on_progress:
         return ask_all(
@@ -190,7 +243,7 @@ def _extracted(
     items: ItemSet, extractor: Model, texts: Mapping[str, str], out: Path, *, settings: RunSettings, bar: Bar
 ) -> Answers:
     """Ask the extractor about the answers that the parser cannot read."""
-    convention = CONVENTIONS[settings.coordinates]
+    convention = settings.convention
     requests: dict[str, Request] = {}
     for item in items.items:
         text, spec = texts.get(item.id, ""), item.spec(convention)

@@ -12,7 +12,7 @@ from tiny_intern_vl import make_checkpoint
 from transformers.models.got_ocr2.image_processing_pil_got_ocr2 import get_optimal_tiled_canvas
 
 from betterbench.errors import InvalidInputError
-from betterbench.vlm.models.eyes import Eyes
+from betterbench.vlm.models.eyes import Eyes, shown_picture
 from betterbench.vlm.models.intern_vl import InternVl
 from betterbench.vlm.models.tiles import grid_of
 
@@ -44,13 +44,19 @@ def test_our_grids_are_those_of_transformers():
     ],
 )  # fmt: skip
 def test_each_of_the_eyes_costs_its_tokens_and_answers(checkpoint, eyes, tiles, tokens, side):
-    model = InternVl(checkpoint, eyes=eyes, most_tiles=6, max_tokens=4)
-    text, sight = model.request("Which is it?", [stripes(640, 480, 8)])
+    model = InternVl(
+        checkpoint,
+        most_tiles=6 if eyes is Eyes.NATIVE else 1,
+        side=224 if eyes is Eyes.NATIVE_224 else None,
+        max_tokens=4,
+    )
+    picture = shown_picture(stripes(640, 480, 8), eyes).data
+    text, sight = model.request("Which is it?", [picture])
     assert sight.tiles == (tiles,)
     assert sight.pixels.shape == (tiles, 3, side, side)
     assert text.count(PLACE) == tiles * tokens
-    assert isinstance(model.answer("Which is it?", [stripes(640, 480, 8)]), str)
-    assert eyes.value in model.name
+    assert isinstance(model.answer("Which is it?", [picture]), str)
+    assert f"of {side} pixels" in model.name
 
 
 def test_pictures_stand_where_the_prompt_has_their_marks(native):
@@ -86,7 +92,7 @@ def test_the_same_request_has_the_same_answer(native):
 
 
 def test_the_model_is_shown_the_picture(checkpoint):
-    model = InternVl(checkpoint, eyes=Eyes.TILE_1, max_tokens=4)
+    model = InternVl(checkpoint, most_tiles=1, max_tokens=4)
     dark, light = (png(np.full((64, 64, 3), v, np.uint8)) for v in (10, 240))
     with torch.inference_mode():
         seen = [model.request("What?", [p])[1].pixels.mean().item() for p in (dark, light)]

@@ -14,6 +14,7 @@ from betterbench.vlm.scoring import COLUMNS, Part
 
 if TYPE_CHECKING:
     from betterbench.vlm.fetching import FetchedFile
+    from betterbench.vlm.probe import Finding
 
 MOST_GROUPS = 12
 """Kinds with more groups (such as scenarios) are left to result.json."""
@@ -32,6 +33,17 @@ def print_run(benchmark: Benchmark, run: StaticRun) -> None:
         print_item(line)
     if run.upstream:
         _print_upstream(run)
+
+
+def print_probe(finding: Finding) -> None:
+    """Print how well each order and scale explains a model's answers, and the convention."""
+    rows = [
+        [fit.scale, fit.order.replace("xy", "x, y").replace("yx", "y, x"), f"{fit.fitting}/{finding.readable}",
+         "–" if finding.readable == 0 else f"{100 * fit.error:.0f} %"]
+        for fit in finding.fits
+    ]  # fmt: skip
+    print_table(["scale", "order", "answers that fit", "median error"], rows, title=f"Coordinates of {finding.model}")
+    print_item(finding.sentence)
 
 
 def _row(part: Part, columns: Sequence[str], *, with_chance: bool) -> list[str]:

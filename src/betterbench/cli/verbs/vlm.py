@@ -16,9 +16,15 @@ from betterbench.errors import InvalidInputError
 if TYPE_CHECKING:
     from betterbench.jobs import OnCount
     from betterbench.vlm import Benchmark, ItemSet
+    from betterbench.vlm.models.eyes import Eyes
+    from betterbench.vqa.llm import Model
 
 FETCH = "fetch"
 """First word of a command that downloads data."""
+PROBE = "probe"
+"""First word of a command that finds out the convention of a model's coordinates."""
+IN_PROCESS = "hf:"
+"""Beginning of the address of a checkpoint in this process."""
 
 
 def vlm_command(
@@ -30,6 +36,9 @@ def vlm_command(
     out: Path | None = None,
     prompt: str | None = None,
     coordinates: CoordinateNames | None = None,
+    eyes: Literal["native", "tile-1", "blur-224", "native-224"] = "native",
+    max_tiles: int | None = None,
+    probe: bool = True,
     extractor: str | None = None,
     scoring: Literal["own", "official"] = "own",
     questions: int = 1000,
@@ -49,14 +58,19 @@ def vlm_command(
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
     Args:
-        benchmark: Benchmark, or "fetch".
+        benchmark: Benchmark, "fetch", or "probe" (only finds out in which coordinates a model answers).
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
-        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model.
+        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model, or hf:FOLDER
+            with an InternVL checkpoint (extra vlm).
         data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
         out: Folder of the run.
         prompt: Identifier of the prompt; our own if not given.
         coordinates: Order, scale and form of the model's points and boxes; fractions for refspatial and pixels
             otherwise if not given. It is never guessed.
+        eyes: Resolution of the pictures: unchanged, one tile of 448 pixels, 224 pixels shown as 448, or 224 pixels.
+        max_tiles: Maximum number of InternVL's tiles per picture, 12 if not given; an endpoint gets it as vLLM's
+            mm_processor_kwargs. Only for native eyes.
+        probe: Check the declared coordinates with ten pictures of known places before the first question.
         extractor: Chat endpoint of a language model that copies the answer out of texts that cannot be read.
         scoring: "official" adds the numbers of upstream scorers, with their faults.
         questions: Approximate number of questions of a set that is made.
@@ -72,34 +86,108 @@ def vlm_command(
     if benchmark == FETCH:
         _fetch(fetched, data, json=json)
         return
+    if benchmark == PROBE and fetched is None:
+        _probe(model, out, coordinates, eyes, at_once, max_tokens, key_variable, json=json)
+        return
     if fetched is not None:
         raise InvalidInputError("better vlm", f"got a second word, {fetched!r}", "Give one benchmark, or fetch and one")
     chosen = find_benchmark(benchmark)
     if model is None:
-        raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
+        raise _no_model()
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the run")
 
     from betterbench.cli.output.vlm import print_run
+    from betterbench.vlm.models.eyes import Eyes
     from betterbench.vlm.prompts import find_prompt
     from betterbench.vlm.running import RunSettings, evaluate_model
     from betterbench.vqa.llm import ChatModel, endpoint_at
 
-    asked = ChatModel(endpoint_at(model, key_variable=key_variable), max_tokens)
+    resolution = Eyes(eyes)
+    if max_tiles is not None and resolution is not Eyes.NATIVE:
+        raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
     reader = None
     if extractor is not None:
         reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
     wording = find_prompt(chosen.name, prompt)
     default: CoordinateNames = wording.coordinates or ("fractions" if chosen.name == "refspatial" else "pixels")
-    settings = RunSettings(wording, coordinates or default, at_once, official=scoring == "official")
+    settings = RunSettings(
+        wording, coordinates or default, resolution, at_once, probe=probe, official=scoring == "official"
+    )
     wording.require_convention(settings.coordinates)
     items = _items(chosen, data, questions, workers)
+    asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
     if json:
         print_json({"run": str(out), **run.to_json()})
         return
     print_run(chosen, run)
     OUT.print(str(out), markup=False, soft_wrap=True)
+
+
+def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key_variable: str) -> Model:
+    """Return the model at an address: a chat endpoint, or a checkpoint in this process."""
+    from betterbench.vlm.models.eyes import MYOPIC, Eyes
+    from betterbench.vlm.models.tiles import MOST_TILES
+    from betterbench.vqa.llm import ChatModel, endpoint_at
+
+    if not address.startswith(IN_PROCESS):
+        further = None if max_tiles is None else {"mm_processor_kwargs": {"max_dynamic_patch": max_tiles}}
+        otherwise = f"{IN_PROCESS}FOLDER"
+        endpoint = endpoint_at(address, key_variable=key_variable, otherwise=otherwise, further=further)
+        return ChatModel(endpoint, max_tokens)
+    from betterbench.vlm.models.intern_vl import InternVl
+
+    return InternVl(
+        Path(address.removeprefix(IN_PROCESS)).expanduser(),
+        most_tiles=(max_tiles or MOST_TILES) if eyes is Eyes.NATIVE else 1,
+        side=MYOPIC if eyes is Eyes.NATIVE_224 else None,
+        max_tokens=max_tokens,
+    )
+
+
+def _no_model() -> InvalidInputError:
+    return InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
+
+
+def _probe(
+    model: str | None,
+    out: Path | None,
+    coordinates: CoordinateNames | None,
+    eyes: str,
+    at_once: int,
+    max_tokens: int,
+    key_variable: str,
+    *,
+    json: bool,
+) -> None:
+    """Find out in which convention a model answers, and print it."""
+    from tempfile import TemporaryDirectory
+
+    from betterbench.cli.output.vlm import print_probe
+    from betterbench.vlm.models.eyes import Eyes
+    from betterbench.vlm.probe import TARGETS, probe_model
+    from betterbench.vlm.running import PROBE_NAME
+
+    if model is None:
+        raise _no_model()
+    resolution = Eyes(eyes)
+    asked = _model(model, resolution, None, max_tokens, key_variable)
+    with TemporaryDirectory() as scratch, _bar("asking ten pictures", len(TARGETS)) as on_progress:
+        folder = out or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        finding = probe_model(
+            asked,
+            folder / PROBE_NAME,
+            declared=coordinates,
+            eyes=resolution,
+            at_once=at_once,
+            on_progress=on_progress,
+        )
+    if json:
+        print_json(finding.to_json())
+        return
+    print_probe(finding)
 
 
 @contextmanager

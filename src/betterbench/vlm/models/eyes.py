@@ -19,10 +19,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from PIL import Image
+
+from betterbench.vqa.coordinates import Convention
 
 TILE = 448
 """Side of an InternVL tile [pixel] (``image_size`` in the configuration of InternVL-3.5)."""
@@ -37,11 +39,6 @@ class Eyes(StrEnum):
     TILE_1 = "tile-1"
     BLUR_224 = "blur-224"
     NATIVE_224 = "native-224"
-
-    @property
-    def is_one_tile(self) -> bool:
-        """Whether a picture is shown as a single tile."""
-        return self is not Eyes.NATIVE
 
 
 _STEPS: dict[Eyes, tuple[int, ...]] = {
@@ -91,6 +88,17 @@ def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
         detail = (min(detail[0], side), min(detail[1], side))
         image = image.resize((side, side), Image.Resampling.BICUBIC)
     return Shown(_png(image), image.width, image.height, detail)
+
+
+def convention_for(eyes: Eyes, convention: Convention) -> Convention:
+    """Return the convention in which a model with these eyes answers.
+
+    Pixels are those of the shown picture, which is a square of a known side. Other conventions stay the same.
+    """
+    if eyes is Eyes.NATIVE or convention.side is not None:
+        return convention
+    side = _STEPS[eyes][-1]
+    return replace(convention, side=side, unit=convention.unit.format(width=side, height=side))
 
 
 def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Eyes) -> float:

@@ -16,17 +16,15 @@ from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from betterbench.errors import InvalidInputError, ModelError, one_line
+from betterbench.errors import InvalidInputError, ModelError, one_line, require_between
 from betterbench.installation import missing_extra
-from betterbench.vlm.models.eyes import MYOPIC, Eyes, shown_picture
-from betterbench.vlm.models.tiles import MOST_TILES
+from betterbench.vlm.models.tiles import MOST_TILES, TILES_ALLOWED
+from betterbench.vqa.llm.chat import PICTURE
 
 if TYPE_CHECKING:
     import torch
     from transformers import PretrainedConfig
 
-PICTURE = "<image>"
-"""Mark of a picture's place in a prompt."""
 _ARCHITECTURE = "InternVLForConditionalGeneration"
 _SERVE = "Serve other models with vLLM or SGLang, and give the address as URL#MODEL"
 
@@ -50,15 +48,15 @@ class InternVl:
     """InternVL checkpoint as a model; answers with the most likely tokens (no sampling).
 
     Attributes:
-        name: Folder name of the checkpoint, with the eyes and the number of tiles.
+        name: Folder name of the checkpoint, with the number of tiles and their side.
     """
 
     def __init__(
         self,
         folder: Path,
         *,
-        eyes: Eyes = Eyes.NATIVE,
         most_tiles: int = MOST_TILES,
+        side: int | None = None,
         max_tokens: int = 256,
         device: str | None = None,
     ) -> None:
@@ -66,8 +64,10 @@ class InternVl:
 
         Args:
             folder: Checkpoint folder, with config.json, tokenizer and weights.
-            eyes: Resolution of the pictures.
-            most_tiles: Maximum number of tiles per picture for native eyes, without the thumbnail.
+            most_tiles: Maximum number of tiles per picture, without the thumbnail. A single tile shows the picture
+                squashed to a square.
+            side: Side of a tile [pixel]; the checkpoint's own (448) if not given. With 224, a tile has 64 tokens
+                instead of 256, and the position embeddings are interpolated.
             max_tokens: Longest answer [tokens].
             device: PyTorch device; default: the GPU if there is one.
 
@@ -81,9 +81,8 @@ class InternVl:
         from safetensors import SafetensorError  # noqa: PLC0415 - an optional part
 
         config = _read_config(folder)
-        self.eyes, self._most_tiles, self._max_tokens = eyes, most_tiles, max_tokens
-        shown = f"{eyes.value}, up to {most_tiles} tiles" if eyes is Eyes.NATIVE else eyes.value
-        self.name = f"{folder.resolve().name} ({shown})"
+        require_between("max-tiles", most_tiles, 1, TILES_ALLOWED)
+        self._most_tiles, self._max_tokens = most_tiles, max_tokens
         self._device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         try:
             self._images = transformers.AutoImageProcessor.from_pretrained(folder, local_files_only=True)
@@ -98,8 +97,10 @@ class InternVl:
             raise InvalidInputError(str(folder), "has no chat template", "Download chat_template.jinja, too")
         self._model = model.to(self._device).eval()
         vision = config.vision_config
-        self._patch, self._side = int(vision.patch_size[0]), int(vision.image_size[0])
+        self._patch, self._side = int(vision.patch_size[0]), side or int(vision.image_size[0])
         self._shuffle = float(config.downsample_ratio)
+        tiles = "1 tile" if most_tiles == 1 else f"up to {most_tiles} tiles"
+        self.name = f"{folder.resolve().name} ({tiles} of {self._side} pixels)"
         self._token = self._tokenizer.convert_ids_to_tokens(config.image_token_id)
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
@@ -122,7 +123,7 @@ class InternVl:
             with torch.inference_mode():
                 ids = self._model.generate(**inputs, max_new_tokens=self._max_tokens, do_sample=False)
         except RuntimeError as error:  # includes torch.OutOfMemoryError
-            cure = "Give fewer tiles with --max-tiles, or serve the model and give its address"
+            cure = "Give fewer --max-tiles, or serve the model and give its address"
             raise ModelError(f"{self.name}: the model failed ({one_line(error, most=200)}). {cure}.") from error
         answer = self._tokenizer.decode(ids[0, inputs["input_ids"].shape[1] :], skip_special_tokens=True)
         return str(answer)
@@ -151,22 +152,21 @@ class InternVl:
     def _sight(self, pictures: Sequence[bytes]) -> Sight:
         import torch  # noqa: PLC0415 - an optional part
 
-        side = MYOPIC if self.eyes is Eyes.NATIVE_224 else self._side
         pixels, tiles = [], []
         for picture in pictures:
-            with Image.open(io.BytesIO(shown_picture(picture, self.eyes).data)) as opened:
+            with Image.open(io.BytesIO(picture)) as opened:
                 image = opened.convert("RGB")
             made = self._images(
                 image,
-                crop_to_patches=self.eyes is Eyes.NATIVE,
+                crop_to_patches=self._most_tiles > 1,
                 min_patches=1,
                 max_patches=self._most_tiles,
-                size={"height": side, "width": side},
+                size={"height": self._side, "width": self._side},
                 return_tensors="pt",
             )
             pixels.append(made["pixel_values"])
             tiles.append(int(made["pixel_values"].shape[0]))
-        return Sight(torch.cat(pixels), tuple(tiles), int(side // self._patch * self._shuffle) ** 2)
+        return Sight(torch.cat(pixels), tuple(tiles), int(self._side // self._patch * self._shuffle) ** 2)
 
 
 def _require_libraries() -> None:

@@ -14,7 +14,8 @@ from betterbench.errors import require_between
 
 MOST_TILES = 12
 """Default maximum number of tiles for a picture (``max_patches`` of InternVL-3.5's image processor)."""
-_TILES_ALLOWED = 64
+TILES_ALLOWED = 64
+"""Largest accepted maximum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ def grid_of(width: int, height: int, *, most: int = MOST_TILES, side: int = 448)
     Raises:
         InvalidInputError: If ``most`` is out of range.
     """
-    require_between("max-tiles", most, 1, _TILES_ALLOWED)
+    require_between("max-tiles", most, 1, TILES_ALLOWED)
     shapes = sorted(
         ((i, j) for i in range(1, most + 1) for j in range(1, most + 1) if i * j <= most), key=lambda s: s[0] * s[1]
     )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.vqa.llm.chat import Chat, ChatEndpoint, user_message
@@ -52,7 +52,12 @@ class ChatModel:
 
 
 def endpoint_at(
-    address: str, *, option: str = "--model", key_variable: str = "OPENAI_API_KEY", otherwise: str = ""
+    address: str,
+    *,
+    option: str = "--model",
+    key_variable: str = "OPENAI_API_KEY",
+    otherwise: str = "",
+    further: Mapping[str, Any] | None = None,
 ) -> ChatEndpoint:
     """Return the chat endpoint at an address with the name of its model, ``URL#MODEL``.
 
@@ -61,6 +66,7 @@ def endpoint_at(
         option: Option for the error.
         key_variable: Environment variable with the API key.
         otherwise: Another value that the option accepts, for the error.
+        further: Further fields of each request.
 
     Raises:
         InvalidInputError: If the address has no model or is not an HTTP address.
@@ -71,4 +77,4 @@ def endpoint_at(
         raise InvalidInputError(
             option, problem, f"Write {f'{otherwise}, or ' if otherwise else ''}URL#MODEL: {_EXAMPLE}"
         )
-    return ChatEndpoint(url, model, key_variable=key_variable)
+    return ChatEndpoint(url, model, key_variable=key_variable, further=further)
