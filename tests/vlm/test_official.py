@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
@@ -140,3 +141,12 @@ def test_a_program_that_does_not_know_a_convention_says_so():
     _, found = both(pointing(), "[500, 500]", "thousandths")
     assert found.value is None
     assert found.note.startswith("reads fractions or pixels")
+
+
+def test_a_mask_of_another_size_than_the_picture_is_met_by_scaled_points():
+    (item,) = pointing().items
+    double = ItemSet("refspatial", (replace(item, width=2 * WIDTH, height=2 * HEIGHT),), lambda _: mask(32, 12, 48, 24))
+    for coordinates, text in (("fractions", "(0.625, 0.375)"), ("pixels", "(80, 36)")):
+        ours, found = both(double, text, coordinates)
+        assert ours.headline["parsed"] == 1
+        assert found.value == (coordinates == "fractions")  # upstream takes pixels of the mask

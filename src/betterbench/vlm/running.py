@@ -120,7 +120,7 @@ def evaluate_model(
         RunConflictError: If the folder contains another run or other files, or another process writes to it.
         StorageError: If the disk is full or protected.
     """
-    settings.prompt.require_convention(settings.coordinates)
+    settings.prompt.convention(settings.coordinates, benchmark.coordinates)
     out, bar = out.absolute(), bar or (lambda _what, _total: nullcontext(lambda _done, _planned: None))
     require_free(out, "run", file=RUN_NAME)
     with on_disk(out), job_folder(out):

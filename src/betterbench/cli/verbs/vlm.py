@@ -55,8 +55,8 @@ def vlm_command(
         data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
         out: Folder of the run.
         prompt: Identifier of the prompt; our own if not given.
-        coordinates: Order, scale and form of the model's points and boxes; fractions for refspatial and pixels
-            otherwise if not given. It is never guessed.
+        coordinates: Order, scale and form of the model's points and boxes, which our own prompts state (fractions for
+            refspatial, pixels for better-vqa if not given). It is never guessed.
         extractor: Chat endpoint of a language model that copies the answer out of texts that cannot be read.
         scoring: "official" adds the numbers of upstream scorers, with their faults.
         questions: Approximate number of questions of a set that is made.
@@ -90,9 +90,8 @@ def vlm_command(
     if extractor is not None:
         reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
     wording = find_prompt(chosen.name, prompt)
-    default: CoordinateNames = wording.coordinates or ("fractions" if chosen.name == "refspatial" else "pixels")
-    settings = RunSettings(wording, coordinates or default, at_once, official=scoring == "official")
-    wording.require_convention(settings.coordinates)
+    convention = wording.convention(coordinates, chosen.coordinates)
+    settings = RunSettings(wording, convention, at_once, official=scoring == "official")
     items = _items(chosen, data, questions, workers)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
     if json:
