@@ -146,7 +146,22 @@ def test_every_prompt_names_its_source_and_fills_its_fields(name, tmp_path):
 
 
 def test_a_prompt_that_asks_for_another_convention_is_refused():
-    with pytest.raises(InvalidInputError, match="asks for fractions, and pixels are declared"):
-        PROMPTS["refspatial-roborefer"].require_convention("pixels")
+    own, official, silent = (PROMPTS[n] for n in ("direct-points", "refspatial-roborefer", "refspatial-qwen"))
+    with pytest.raises(InvalidInputError, match="asks for fractions, and pixels is declared"):
+        official.convention("pixels", "fractions")
+    with pytest.raises(InvalidInputError, match="is missing, and the prompt refspatial-qwen does not say"):
+        silent.convention(None, "fractions")
+    assert own.convention(None, "fractions") == official.convention(None, "pixels") == "fractions"
+    assert own.convention("thousandths", "fractions") == silent.convention("thousandths", "fractions") == "thousandths"
     with pytest.raises(UnknownNameError, match="prompt of refspatial"):
         find_prompt("refspatial", "direct")
+
+
+def test_identifiers_that_occur_twice_are_numbered(tmp_path):
+    folder = published.embspatial_json(tmp_path / "data")
+    file = folder / "embspatial_bench.json"
+    rows = [row | {"question_id": "q"} for row in json.loads(file.read_text())]
+    file.write_text(json.dumps(rows))
+    items = find_benchmark("embspatial").load(folder)
+    assert [i.id for i in items.items[:3]] == ["q", "q#2", "q#3"]
+    assert items.read(items.items[2].pictures[0]) == published.picture(2)

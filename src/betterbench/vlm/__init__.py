@@ -12,6 +12,7 @@ Answers are asked for and read by :mod:`betterbench.vqa`, as for ``better vqa``.
 
 from betterbench.vlm.benchmarks import BENCHMARKS, Benchmark, find_benchmark
 from betterbench.vlm.items import Item, ItemSet
+from betterbench.vlm.prompts import Prompt, find_prompt, prompts_of
 from betterbench.vlm.running import RunSettings, StaticRun, evaluate_model
 from betterbench.vlm.scoring import StaticScore, score_answers
 
@@ -20,10 +21,13 @@ __all__ = [
     "Benchmark",
     "Item",
     "ItemSet",
+    "Prompt",
     "RunSettings",
     "StaticRun",
     "StaticScore",
     "evaluate_model",
     "find_benchmark",
+    "find_prompt",
+    "prompts_of",
     "score_answers",
 ]

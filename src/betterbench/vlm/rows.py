@@ -100,6 +100,16 @@ class Row:
         return chr(ord("A") + index)
 
 
+def distinct(identifier: str, taken: set[str]) -> str:
+    """Return an identifier that is not taken yet, and take it; a repeated one gets a number ("q7#2")."""
+    found, number = identifier, 1
+    while found in taken:
+        number += 1
+        found = f"{identifier}#{number}"
+    taken.add(found)
+    return found
+
+
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
     """Return the files in a folder of data or its usual sub-folders, by name; a file is itself."""
     if folder.is_file():

@@ -62,6 +62,7 @@ class RunSettings:
         prompt: The prompt.
         coordinates: Declared convention of coordinates.
         eyes: Resolution of the pictures.
+        most_tiles: Maximum number of tiles per picture; None for the model's own.
         at_once: Number of simultaneous requests.
         probe: Whether the declared convention is checked with ten pictures before a run with points or boxes.
         official: Whether to add the scores of upstream programs.
@@ -70,6 +71,7 @@ class RunSettings:
     prompt: Prompt
     coordinates: Coordinates = "pixels"
     eyes: Eyes = Eyes.NATIVE
+    most_tiles: int | None = None
     at_once: int = 4
     probe: bool = False
     official: bool = False
@@ -139,7 +141,7 @@ def evaluate_model(
         RunConflictError: If the folder contains another run or other files, or another process writes to it.
         StorageError: If the disk is full or protected.
     """
-    settings.prompt.require_convention(settings.coordinates)
+    settings.prompt.convention(settings.coordinates, benchmark.coordinates)
     out, bar = out.absolute(), bar or (lambda _what, _total: nullcontext(lambda _done, _planned: None))
     require_free(out, "run", file=RUN_NAME)
     with on_disk(out), job_folder(out):
@@ -173,6 +175,7 @@ def _head(
         "template": settings.prompt.template,
         "coordinates": settings.coordinates,
         "eyes": settings.eyes.value,
+        "max_tiles": settings.most_tiles,
         "extractor": None if extractor is None else extractor.name,
         "betterbench": __version__,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),

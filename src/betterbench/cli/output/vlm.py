@@ -26,9 +26,8 @@ def print_run(benchmark: Benchmark, run: StaticRun) -> None:
     shown = [p for p in score.parts if sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS]
     with_chance = any("chance" in p.reference for p in shown)
     rows = [_row(part, columns, with_chance=with_chance) for part in shown]
-    heads = [benchmark.title, "n", "no answer", "unread", *(["chance %"] if with_chance else [])]
-    heads += [f"{column} %" for column in columns]
-    print_table([*heads, "95 % interval"], rows, title=f"{run.head['model']}, prompt {run.head['prompt']}")
+    heads = [benchmark.title, "n", "unread", *(["chance"] if with_chance else []), *columns, "95 % interval"]
+    print_table(heads, rows, title=f"{run.head['model']}, prompt {run.head['prompt']}, scores in percent")
     for line in _lines(benchmark, run):
         print_item(line)
     if run.upstream:
@@ -51,8 +50,8 @@ def _row(part: Part, columns: Sequence[str], *, with_chance: bool) -> list[str]:
     chance = [f"{part.reference['chance']:.1f}" if "chance" in part.reference else "–"] if with_chance else []
     means = [percent_of(part.means[column].mean) for column in columns]
     last = part.means[columns[-1]]
-    interval = f"{percent_of(Fraction(last.low), 1)} to {percent_of(Fraction(last.high), 1)}"
-    return [name, str(part.n), str(part.n - part.answered), str(part.answered - part.read), *chance, *means, interval]
+    interval = f"{percent_of(Fraction(last.low), 1)}–{percent_of(Fraction(last.high), 1)}"
+    return [name, str(part.n), str(part.n - part.read), *chance, *means, interval]
 
 
 def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
@@ -94,7 +93,11 @@ def _print_upstream(run: StaticRun) -> None:
         ]
         for found in run.upstream
     ]
-    print_table(["upstream scorer", "its %", "− ours", "scored", "differs", "note"], rows, title="Official scoring")
+    print_table(
+        ["upstream scorer", "score", "− ours", "scored", "differs", "note"],
+        rows,
+        title="Official scoring: upstream programs on the same texts",
+    )
 
 
 def percent_of(value: Fraction | None, digits: int = 2) -> str:

@@ -65,8 +65,8 @@ def vlm_command(
         data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
         out: Folder of the run.
         prompt: Identifier of the prompt; our own if not given.
-        coordinates: Order, scale and form of the model's points and boxes; fractions for refspatial and pixels
-            otherwise if not given. It is never guessed.
+        coordinates: Order, scale and form of the model's points and boxes, which our own prompts state (fractions for
+            refspatial, pixels for better-vqa if not given). It is never guessed.
         eyes: Resolution of the pictures: unchanged, one tile of 448 pixels, 224 pixels shown as 448, or 224 pixels.
         max_tiles: Maximum number of InternVL's tiles per picture, 12 if not given; an endpoint gets it as vLLM's
             mm_processor_kwargs. Only for native eyes.
@@ -86,37 +86,41 @@ def vlm_command(
     if benchmark == FETCH:
         _fetch(fetched, data, json=json)
         return
-    if benchmark == PROBE and fetched is None:
-        _probe(model, out, coordinates, eyes, at_once, max_tokens, key_variable, json=json)
-        return
     if fetched is not None:
         raise InvalidInputError("better vlm", f"got a second word, {fetched!r}", "Give one benchmark, or fetch and one")
-    chosen = find_benchmark(benchmark)
+    chosen = None if benchmark == PROBE else find_benchmark(benchmark)
     if model is None:
-        raise _no_model()
-    if out is None:
-        raise InvalidInputError("--out", "is missing", "Name the folder of the run")
+        raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
 
-    from betterbench.cli.output.vlm import print_run
     from betterbench.vlm.models.eyes import Eyes
-    from betterbench.vlm.prompts import find_prompt
-    from betterbench.vlm.running import RunSettings, evaluate_model
-    from betterbench.vqa.llm import ChatModel, endpoint_at
 
     resolution = Eyes(eyes)
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
+    if model.startswith(IN_PROCESS):
+        at_once = 1
+    if chosen is None:
+        asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
+        _probe(asked, out, coordinates=coordinates, eyes=resolution, at_once=at_once, json=json)
+        return
+    if out is None:
+        raise InvalidInputError("--out", "is missing", "Name the folder of the run")
+
+    from betterbench.cli.output.vlm import print_run
+    from betterbench.vlm.prompts import find_prompt
+    from betterbench.vlm.running import RunSettings, evaluate_model
+    from betterbench.vqa.llm import ChatModel, endpoint_at
+
     reader = None
     if extractor is not None:
         reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
     wording = find_prompt(chosen.name, prompt)
-    default: CoordinateNames = wording.coordinates or ("fractions" if chosen.name == "refspatial" else "pixels")
+    convention = wording.convention(coordinates, chosen.coordinates)
     settings = RunSettings(
-        wording, coordinates or default, resolution, at_once, probe=probe, official=scoring == "official"
+        wording, convention, resolution, max_tiles, at_once, probe=probe, official=scoring == "official"
     )
-    wording.require_convention(settings.coordinates)
-    items = _items(chosen, data, questions, workers)
     asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
+    items = _items(chosen, data, questions, workers)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
     if json:
         print_json({"run": str(out), **run.to_json()})
@@ -146,44 +150,21 @@ def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key
     )
 
 
-def _no_model() -> InvalidInputError:
-    return InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
-
-
 def _probe(
-    model: str | None,
-    out: Path | None,
-    coordinates: CoordinateNames | None,
-    eyes: str,
-    at_once: int,
-    max_tokens: int,
-    key_variable: str,
-    *,
-    json: bool,
+    asked: Model, out: Path | None, *, coordinates: CoordinateNames | None, eyes: Eyes, at_once: int, json: bool
 ) -> None:
     """Find out in which convention a model answers, and print it."""
     from tempfile import TemporaryDirectory
 
     from betterbench.cli.output.vlm import print_probe
-    from betterbench.vlm.models.eyes import Eyes
     from betterbench.vlm.probe import TARGETS, probe_model
     from betterbench.vlm.running import PROBE_NAME
 
-    if model is None:
-        raise _no_model()
-    resolution = Eyes(eyes)
-    asked = _model(model, resolution, None, max_tokens, key_variable)
     with TemporaryDirectory() as scratch, _bar("asking ten pictures", len(TARGETS)) as on_progress:
         folder = out or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        finding = probe_model(
-            asked,
-            folder / PROBE_NAME,
-            declared=coordinates,
-            eyes=resolution,
-            at_once=at_once,
-            on_progress=on_progress,
-        )
+        file = folder / PROBE_NAME
+        finding = probe_model(asked, file, declared=coordinates, eyes=eyes, at_once=at_once, on_progress=on_progress)
     if json:
         print_json(finding.to_json())
         return

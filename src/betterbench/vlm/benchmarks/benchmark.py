@@ -9,6 +9,7 @@ from typing import Literal
 
 from betterbench.errors import InvalidInputError
 from betterbench.vlm.items import ItemSet
+from betterbench.vqa.coordinates import Coordinates
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ class Benchmark:
         source: Origin and terms of the data.
         headline: Rule of the number that stands for the benchmark.
         groups: Kinds of groups in the order of tables.
-        has_coordinates: Whether answers are points or boxes, so that a convention must be declared.
+        coordinates: Convention that our own prompt asks for unless another is declared; None without points and boxes.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Benchmark:
     source: DataSource
     headline: Headline
     groups: tuple[str, ...]
-    has_coordinates: bool
+    coordinates: Coordinates | None = None
 
     def load(self, folder: Path) -> ItemSet:
         """Read the data in a folder.

@@ -65,6 +65,6 @@ BETTER_VQA = Benchmark(
     ),
     headline=Headline(),
     groups=("type", "difficulty", "family"),
-    has_coordinates=True,
+    coordinates="pixels",
 )
 """Questions of eight types with difficulty tags, balanced against guessing without the picture."""

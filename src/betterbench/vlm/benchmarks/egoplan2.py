@@ -13,7 +13,7 @@ from betterbench.json_form import file_digest
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile, DataSource, Headline, missing
 from betterbench.vlm.items import Gold, Item, ItemSet
 from betterbench.vlm.pictures import embedded, picture_file
-from betterbench.vlm.rows import Row, find_files, read_rows
+from betterbench.vlm.rows import Row, distinct, find_files, read_rows
 from betterbench.vlm.videos import frames_of
 from betterbench.vqa.question import Form
 
@@ -38,17 +38,18 @@ def _read(folder: Path) -> ItemSet:
         raise missing("egoplan2", folder, _LAYOUT)
     items: list[Item] = []
     pictures: dict[str, Callable[[], bytes]] = {}
+    taken = set[str]()
     for file in files:
         for row in read_rows(file, large=("keyframes",)):
             found = _pictures_of(row)
-            item = _item(row, len(found))
+            item = _item(row, distinct(row.text("sample_id"), taken), len(found))
             items.append(item)
             pictures.update(zip(item.pictures, found, strict=True))
     return ItemSet("egoplan2", tuple(items), lambda name: pictures[name](), {f.name: file_digest(f) for f in files})
 
 
-def _item(row: Row, count: int) -> Item:
-    identifier, goal = row.text("sample_id"), row.text("task_goal")
+def _item(row: Row, identifier: str, count: int) -> Item:
+    goal = row.text("task_goal")
     options = tuple(row.text(f"choice_{letter}") for letter in "abcd")
     return Item(
         id=identifier,
@@ -56,7 +57,7 @@ def _item(row: Row, count: int) -> Item:
         question=_QUESTION.format(goal=goal),
         gold=Gold(row.letter(4, "golden_choice_idx", "ground_truth")),
         pictures=tuple(f"{identifier}/{i}" for i in range(count)),
-        cluster=identifier.split("_")[0],  # the video, as upstream takes it from the identifier
+        cluster=identifier.split("_", maxsplit=1)[0],  # the video, as upstream takes it from the identifier
         options=options,
         groups={"domain": row.text("domain"), "scenario": row.text_or("unknown", "scenario")},
         words={"goal": goal},
@@ -131,6 +132,5 @@ EGOPLAN2 = Benchmark(
     ),
     headline=Headline(),
     groups=("domain", "scenario"),
-    has_coordinates=False,
 )
 """1,321 questions in four domains. The number "All" of the paper is the micro mean."""

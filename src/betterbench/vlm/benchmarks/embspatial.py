@@ -11,7 +11,7 @@ from betterbench.json_form import file_digest
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile, DataSource, Headline, missing
 from betterbench.vlm.items import Gold, Item, ItemSet
 from betterbench.vlm.pictures import embedded, file_in, picture_file
-from betterbench.vlm.rows import Row, find_files, read_rows
+from betterbench.vlm.rows import Row, distinct, find_files, read_rows
 from betterbench.vqa.question import Form
 
 _LAYOUT = (
@@ -33,19 +33,19 @@ def _read(folder: Path) -> ItemSet:
         raise missing("embspatial", folder, _LAYOUT)
     items: list[Item] = []
     pictures: dict[str, Callable[[], bytes]] = {}
+    taken = set[str]()
     for file in files:
         for row in read_rows(file, large=("image", "image_base64")):
-            item = _item(row)
+            item = _item(row, distinct(row.text("question_id", "id"), taken))
             items.append(item)
             pictures[item.pictures[0]] = partial(_picture, row)
     return ItemSet("embspatial", tuple(items), lambda name: pictures[name](), {f.name: file_digest(f) for f in files})
 
 
-def _item(row: Row) -> Item:
+def _item(row: Row, identifier: str) -> Item:
     options = row.texts("answer_options", "options")
     relation = row.text("relation").strip().lower()
     source = row.text_or("unknown", "data_source", "source")
-    identifier = row.text("question_id", "id")
     scene = row.text_or("", "scene_id") or hashlib.sha256(_picture(row)).hexdigest()
     return Item(
         id=identifier,
@@ -81,6 +81,5 @@ EMBSPATIAL = Benchmark(
     ),
     headline=Headline(),
     groups=("source", "relation", "kind"),
-    has_coordinates=False,
 )
 """3,640 questions in six relations, from three sources."""

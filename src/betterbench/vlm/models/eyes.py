@@ -120,7 +120,7 @@ def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Ey
 def contact_sheet(picture: bytes, eyes: Sequence[Eyes] = tuple(Eyes), *, side: int = TILE) -> bytes:
     """Return a PNG with a picture as each of the eyes shows it, next to each other with their names.
 
-    Each picture is enlarged to a square without smoothing, so that its pixels can be seen.
+    Below each picture is its middle, three times as large, without smoothing, so that its pixels can be seen.
 
     Raises:
         OSError: If the picture cannot be decoded.
@@ -128,15 +128,17 @@ def contact_sheet(picture: bytes, eyes: Sequence[Eyes] = tuple(Eyes), *, side: i
     from PIL import ImageDraw  # noqa: PLC0415 - only for sheets
 
     gap, line = 8, 24
-    sheet = Image.new("RGB", (gap + (side + gap) * len(eyes), side + line + gap), "white")
+    sheet = Image.new("RGB", (gap + (side + gap) * len(eyes), line + 2 * (side + gap)), "white")
     pen = ImageDraw.Draw(sheet)
     for i, each in enumerate(eyes):
         shown = shown_picture(picture, each)
         with Image.open(io.BytesIO(shown.data)) as opened:
-            image = opened.convert("RGB").resize((side, side), Image.Resampling.NEAREST)
+            image = opened.convert("RGB")
+        middle = (image.width / 3, image.height / 3, image.width * 2 / 3, image.height * 2 / 3)
         left = gap + (side + gap) * i
-        sheet.paste(image, (left, line))
-        pen.text((left, 6), f"{each.value}: {shown.width} x {shown.height}", fill="black")
+        pen.text((left, 6), f"{each.value}: {shown.width} x {shown.height} pixels", fill="black")
+        sheet.paste(image.resize((side, side), Image.Resampling.LANCZOS), (left, line))
+        sheet.paste(image.resize((side, side), Image.Resampling.NEAREST, box=middle), (left, line + side + gap))
     return _png(sheet)
 
 

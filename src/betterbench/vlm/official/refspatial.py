@@ -149,6 +149,12 @@ def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int 
     return Fraction(right, count)
 
 
+def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
+    """Return columns and rows of the mask, with which the programs scale."""
+    rows, columns = items.mask(item.gold.mask or "").shape
+    return columns, rows
+
+
 def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:
     readers: dict[str, Callable[[str, int, int], list[Shape]]] = {
         "fractions": tuples_of,
@@ -156,15 +162,14 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
         "percent-xml": tags_of,
         "thousandths-yx-json": fenced_points_of,
     }
-    return share_of(items, item, readers[coordinates](text, item.width, item.height))
+    return share_of(items, item, readers[coordinates](text, *_sides(items, item)))
 
 
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
     """Score a text with all pairs read as fractions, integers too; boxes are ignored, and faint masks are empty."""
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
-    shapes: list[Shape] = [
-        (_scaled(x, item.width), _scaled(y, item.height)) for x, y in (p for p in pairs if len(p) == 2)
-    ]
+    width, height = _sides(items, item)
+    shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]
     return share_of(items, item, shapes, above=127)
 
 

@@ -14,7 +14,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.json_form import read_form, strict_form
 from betterbench.vlm.items import Item
 from betterbench.vqa.asking import answer_line
-from betterbench.vqa.coordinates import Convention, Coordinates
+from betterbench.vqa.coordinates import CONVENTIONS, Convention, Coordinates
 from betterbench.vqa.llm.chat import PICTURE
 
 _FIELD = re.compile(r"\{(\w+)\}")
@@ -57,12 +57,27 @@ class Prompt:
         template = self.template if options else self.template.replace("{options}\n", "")
         return _filled(template, words | {"options": "\n".join(options), "frames": "\n".join(frames)})
 
-    def require_convention(self, coordinates: Coordinates) -> None:
-        """Raise InvalidInputError if the wording asks for another convention than the declared one."""
-        if self.coordinates is not None and self.coordinates != coordinates:
-            problem = f"the prompt {self.id} asks for {self.coordinates}, and {coordinates} are declared"
+    def convention(self, declared: Coordinates | None, usual: Coordinates | None) -> Coordinates:
+        """Return the convention of the answers.
+
+        Args:
+            declared: Convention that the user declared, if any.
+            usual: Convention that a prompt with ``{request}`` asks for otherwise; None without points and boxes.
+
+        Raises:
+            InvalidInputError: If the wording asks for another convention than the declared one, or for none while none
+                is declared.
+        """
+        if usual is None:
+            return declared or "pixels"
+        if self.coordinates is not None and declared not in (None, self.coordinates):
+            problem = f"the prompt {self.id} asks for {self.coordinates}, and {declared} is declared"
             cure = f"Give --coordinates {self.coordinates}, or another --prompt"
             raise InvalidInputError("--coordinates", problem, cure)
+        if declared is None and self.coordinates is None and "{request}" not in self.template:
+            problem = f"is missing, and the prompt {self.id} does not say in which form the model answers"
+            raise InvalidInputError("--coordinates", problem, f"Declare one of {', '.join(CONVENTIONS)}")
+        return declared or self.coordinates or usual
 
 
 def _plain(text: str) -> str:
