@@ -58,6 +58,8 @@ HOSTILE = [
     (CHOICE, "<think>It may be A, so the answer is A", None, "none"),
     (CHOICE, "It may be A.</think> (D)", "D", "strict"),
     (YES_NO, "<thinking>no, no</thinking> Yes", "Yes", "strict"),
+    (CHOICE, "B <think>or A?</think>", "B", "strict"),
+    (CHOICE, "<think>A</think> B <think>or C", "B", "strict"),
     # non-English
     (CHOICE, "答案是 C", "C", "tolerant"),
     (CHOICE, "La respuesta es B.", "B", "tolerant"),
@@ -105,6 +107,30 @@ def test_a_hostile_answer_is_read_as_documented(spec, text, answer, stage):
     read = read_text(spec, text)
     assert (read.answer, read.stage) == (answer, stage)
     assert time.process_time() - began < 2.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<think>" * 100_000,
+        "<answer>" * 100_000,
+        "[(1, 2)" + " " * 500_000,
+        "[(1, 2), " * 50_000,
+        "```json\n" * 50_000,
+        "{" * 100_000,
+        "(A) " * 100_000 + "or ",
+        "the answer is " * 50_000,
+        '<point x="' * 50_000,
+        "1," * 200_000,
+        "-" * 500_000,
+    ],
+    ids=lambda text: text[:9].strip(),
+)
+def test_no_long_text_is_slow(text):
+    began = time.process_time()
+    for spec in (CHOICE, YES_NO, NUMBER, FRACTIONS, GEMINI, MOLMO, BOX):
+        read_text(spec, text)
+    assert time.process_time() - began < 4.0
 
 
 @pytest.mark.parametrize("name", CONVENTIONS)

@@ -199,7 +199,7 @@ def _made(questions: int, workers: int) -> Path:
     from betterbench.version import __version__
     from betterbench.vqa.dataset import SetOptions
 
-    options = SetOptions(questions=questions, frames=4)
+    options = SetOptions(questions=questions, frames=2, cameras=("front", "left_shoulder"))
     place = platformdirs.user_cache_path("betterbench") / "vlm" / f"{__version__}-{questions}"
     folder = place / "set"
     say(f"set: {folder}, made from one trial of the expert on each condition of the suite")

@@ -15,9 +15,7 @@ Stage = Literal["strict", "tolerant", "extractor", "none"]
 LONGEST = 20_000
 """Number of characters at the end of a text that are read. Answers come last, after the reasoning."""
 
-_THINKING = re.compile(r"<(think|thinking|thought|reasoning)>.*?</\1>", re.DOTALL | re.IGNORECASE)
-_THOUGHT = re.compile(r"</(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
-_BEGUN = re.compile(r"<(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
+_THINKING = re.compile(r"<(/?)(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +62,12 @@ def final_text(text: str) -> str:
 
     A text that ends inside its thinking, because its tokens were used up, holds no answer.
     """
-    if "<" in text:
-        text = _THINKING.sub(" ", text)
-        *_, text = _THOUGHT.split(text)  # the opening tag may be part of the prompt
-        text = _BEGUN.split(text)[0]
+    kept, start, inside = list[str](), 0, False
+    for tag in _THINKING.finditer(text):
+        if tag[1]:  # the opening tag may be part of the prompt
+            kept = kept if inside else []
+        elif not inside:
+            kept.append(text[start : tag.start()])
+        inside, start = not tag[1], tag.end()
+    text = " ".join(kept if inside else [*kept, text[start:]])
     return text[-LONGEST:].strip()

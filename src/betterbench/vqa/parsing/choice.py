@@ -20,8 +20,8 @@ _MARKED = re.compile(r"\(([A-Z])\)|\*\*\(?([A-Z])[).:]?\*\*|(?m:^)\s*\(?([A-Z])[
 _ALONE = re.compile(r"(?<![A-Za-z0-9'’])([A-Z])(?![A-Za-z0-9'’])")
 _ARTICLE = re.compile(r"\s+(?!(?:because|since|as|and|or|but|is|which|it|due|for|given|with|if|in)\b)[a-z]")
 _WRAPPED = (
-    re.compile(r"<answer>(.*?)</answer>", re.DOTALL | re.IGNORECASE),
-    re.compile(r"\\boxed\{(?:\\text\{)?([^{}]*)\}"),
+    re.compile(r"<answer>([^<]{0,2000})</answer>", re.IGNORECASE),
+    re.compile(r"\\boxed\{(?:\\text\{)?([^{}]{0,2000})\}"),
 )
 _FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
 

@@ -28,6 +28,7 @@ _ATTRIBUTE = re.compile(rf"\b([xy])(\d{{0,3}})\s*=\s*[\"']?\s*({_NUMBER})\s*[\"'
 _FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
 _KEYS = ("point_2d", "point", "points", "coordinates", "coordinate", "bbox_2d", "box_2d", "bbox", "box", "points_2d")
 _CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
+_CLAIMS_TRIED = 3
 MOST_POINTS = 10_000
 """Maximum number of points that are read from one text."""
 
@@ -36,6 +37,7 @@ Numbers = tuple[Fraction, ...]
 
 def read_points(spec: AnswerSpec, text: str) -> Read:
     """Return the box, point or points of a text in pixels; see :class:`~betterbench.vqa.parsing.answer.Read`."""
+    text = " ".join(text.split())  # long white space makes patterns slow
     groups, form = _whole(spec, text)
     stage = "strict" if form == spec.convention.form else "tolerant"
     if not groups:
@@ -89,7 +91,7 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
 
 def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
     """Return the groups of a text with other words: those after the last claim of an answer, else the last ones."""
-    parts = [text[m.end() :] for m in _CLAIM.finditer(text)]
+    parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
     for part in (*reversed(parts), text):
         for groups in (_tagged(_TAG.findall(part)), _json_inside(part), _listed(part)):
             fitting = _fitting(spec, groups)
