@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import io
+import json
 
 import numpy as np
 import pytest
 from PIL import Image
+from tests.vlm import published
+from tests.vlm.published import pictures_of, texts_of
 
+from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
+from betterbench.vlm import find_benchmark
 from betterbench.vlm.models.eyes import Eyes
 from betterbench.vlm.probe import TARGETS, Target, finding_of, probe_model, request_for
 
@@ -188,3 +193,87 @@ def test_a_repeated_probe_asks_nothing(tmp_path):
     first = probe_model(model, tmp_path / "probe.jsonl", at_once=1)
     assert probe_model(model, tmp_path / "probe.jsonl", at_once=1) == first
     assert model.asked == len(TARGETS) == 10
+
+
+class Endpoint:
+    """A chat server that points at the shapes of a probe, and answers everything else with the middle."""
+
+    def __init__(self, write):
+        self.pointer = Pointer(write, noise=0.0)
+
+    def __call__(self, body):
+        return self.pointer.answer(texts_of(body), pictures_of(body))
+
+
+def lines(folder, url, *more):
+    return ["vlm", "refspatial", "--data", str(folder), "--model", f"{url}#tiny", *more]
+
+
+def test_a_run_stops_before_its_first_question_if_the_declaration_is_wrong(tmp_path, serve, capsys):
+    folder = published.refspatial_raw(tmp_path / "data")
+    server = serve(Endpoint(MODELS["InternVL: thousandths in lists"][0]))
+    out = tmp_path / "run"
+    assert main(lines(folder, server.url, "--out", str(out))) != 0
+    assert "--coordinates thousandths" in " ".join(capsys.readouterr().err.split())
+    assert len(server.asked) == 10
+    assert not (out / "answers.jsonl").exists()
+
+
+def test_a_right_declaration_costs_ten_requests_once(tmp_path, serve):
+    folder, out = published.refspatial_raw(tmp_path / "data"), tmp_path / "run"
+    server = serve(Endpoint(MODELS["InternVL: thousandths in lists"][0]))
+    line = lines(folder, server.url, "--out", str(out), "--coordinates", "thousandths")
+    items = len(find_benchmark("refspatial").load(folder).items)
+    for _ in range(2):
+        assert main(line) == 0
+        assert len(server.asked) == 10 + items
+    assert "thousandths of the width" in texts_of(server.asked[0])
+
+
+def test_vlm_probe_prints_the_convention(serve, capsys):
+    server = serve(Endpoint(MODELS["Gemini: row before column, in fenced JSON"][0]))
+    assert main(["vlm", "probe", "--model", f"{server.url}#tiny"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "tiny answers in thousandths, row before column (--coordinates thousandths-yx-json), in 10 of 10" in out
+    assert main(["vlm", "probe", "--model", f"{server.url}#tiny", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["found"] == "thousandths-yx-json"
+
+
+def test_eyes_reach_the_endpoint_and_the_prompt(tmp_path, serve):
+    folder, out = published.refspatial_raw(tmp_path / "data"), tmp_path / "run"
+    server = serve(Endpoint(MODELS["RoboBrain: pixels in tuples"][0]))
+    line = lines(folder, server.url, "--out", str(out), "--coordinates", "pixels", "--eyes", "blur-224")
+    assert main(line) == 0
+    for body in server.asked:
+        with Image.open(io.BytesIO(pictures_of(body)[0])) as image:
+            assert image.size == (448, 448)
+        assert "448 pixels wide and 448 high" in texts_of(body)
+    assert json.loads((out / "run.json").read_text())["eyes"] == "blur-224"
+    with Image.open(out / "shown.png") as sheet:
+        assert sheet.width > 4 * 448
+
+
+def test_pixels_of_the_shown_picture_score_in_the_original_one(tmp_path, serve):
+    """The right place, in pixels of the square, is right in every resolution."""
+    folder = published.refspatial_raw(tmp_path / "data")
+    scores = {}
+    for eyes, (x, y) in {"native": (40, 18), "tile-1": (280, 168), "native-224": (140, 84)}.items():
+        server = serve(lambda _, x=x, y=y: f"[({x}, {y})]")
+        out = tmp_path / eyes
+        line = lines(folder, server.url, "--out", str(out), "--coordinates", "pixels", "--eyes", eyes, "--no-probe")
+        assert main(line) == 0
+        scores[eyes] = json.loads((out / "result.json").read_text())["headline"]["parsed"]
+    assert scores == dict.fromkeys(scores, 1.0)
+
+
+def test_tiles_reach_the_endpoint(tmp_path, serve):
+    folder = published.refspatial_raw(tmp_path / "data")
+    server = serve(lambda _: "[(0.5, 0.5)]")
+    assert main(lines(folder, server.url, "--out", str(tmp_path / "run"), "--no-probe", "--max-tiles", "6")) == 0
+    assert {str(body["mm_processor_kwargs"]) for body in server.asked} == {"{'max_dynamic_patch': 6}"}
+
+
+def test_tiles_of_a_single_tile_are_refused(tmp_path, capsys):
+    line = lines(tmp_path, "http://127.0.0.1:9", "--out", str(tmp_path / "run"), "--eyes", "tile-1", "--max-tiles", "6")
+    assert main(line) != 0
+    assert "show one tile" in " ".join(capsys.readouterr().err.split())

@@ -47,7 +47,7 @@ def words(name, folder, url, out, *more):
 def test_each_form_runs_from_end_to_end(name, form, tmp_path, serve, capsys):
     folder, out = form(tmp_path / "data"), tmp_path / "run"
     server = serve(lambda _: "[(0.625, 0.375)]" if name == "refspatial" else "B")
-    line = words(name, folder, server.url, out, "--scoring", "official", "--json")
+    line = words(name, folder, server.url, out, "--scoring", "official", "--json", "--no-probe")
     assert main(line) == 0
     found = json.loads(capsys.readouterr().out)
     items = find_benchmark(name).load(folder).items
