@@ -42,6 +42,8 @@ from betterbench.vqa.question import Form
 logger = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
+KIND = "static evaluation"
+"""Kind of run in ``run.json``."""
 RUN_NAME, ANSWERS_NAME, EXTRACTED_NAME = "run.json", "answers.jsonl", "extracted.jsonl"
 ITEMS_NAME, RESULT_NAME, SHOWN_NAME = "items.jsonl", "result.json", "shown.png"
 PROBE_NAME = "probe.jsonl"
@@ -166,7 +168,7 @@ def _head(
 ) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
-        "kind": "static evaluation",
+        "kind": KIND,
         "benchmark": benchmark.name,
         "data": items.sha256,
         "n": len(items.items),

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 from betterbench.cli.console import print_item, print_table
 from betterbench.statistics import round_half_up
-from betterbench.vlm.benchmarks import Benchmark
+from betterbench.vlm.benchmarks import Benchmark, find_benchmark
 from betterbench.vlm.running import StaticRun
 from betterbench.vlm.scoring import COLUMNS, Part
 
 if TYPE_CHECKING:
     from betterbench.vlm.fetching import FetchedFile
     from betterbench.vlm.probe import Finding
+    from betterbench.vlm.steps import Cell, StepTable
 
 MOST_GROUPS = 12
 """Kinds with more groups (such as scenarios) are left to result.json."""
@@ -32,6 +33,28 @@ def print_run(benchmark: Benchmark, run: StaticRun) -> None:
         print_item(line)
     if run.upstream:
         _print_upstream(run)
+
+
+def print_steps(table: StepTable) -> None:
+    """Print the numbers of each row, and the steps between neighboring rows."""
+    heads = {name: find_benchmark(name).title for name in table.benchmarks}
+    rows = [
+        [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
+    ]  # fmt: skip
+    print_table(["", *(f"{title} %" for title in heads.values())], rows, title=f"Scores, {table.column}")
+    for step in table.steps:
+        print_item(step.sentence)
+    if table.steps:
+        print_item(
+            f"Intervals of 95 % are paired and keep items of one picture or video together. A step is supported if its "
+            f"paired test is below {table.alpha:g} after Holm's correction over all {len(table.steps)} steps."
+        )
+    for line in table.warnings:
+        print_item(line)
+
+
+def _cell(cell: Cell | None) -> str:
+    return "–" if cell is None else f"{percent_of(Fraction(cell.value).limit_denominator(10**9))}"
 
 
 def print_probe(finding: Finding) -> None:
