@@ -1,8 +1,8 @@
 """Comparison of runs of ``better vlm`` step by step, in the shape of the paper's Table 3.
 
 A row is a model with its eyes and its prompt. A column is a benchmark. Each row is compared with the row above it on
-the same items, and a step is supported only if its paired test passes Holm's correction over all steps of the table. The
-paper reads such steps off single numbers, for example that EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training.
+the same items, and a step is supported only if its paired test passes Holm's correction over all steps of the table.
+The paper reads such steps off single numbers: EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training, for example.
 """
 
 from __future__ import annotations
