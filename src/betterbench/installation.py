@@ -31,8 +31,8 @@ _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 VERBS = (
     "doctor", "list", "assets", "review", "worlds", "premise", "import-better", "show", "generate", "build",
     "certify", "calibrate", "eval", "collect", "teleop", "amplify", "dataset", "train", "study", "shortcuts",
-    "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "replay", "serve",
-    "demo", "audit-paper",
+    "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "vlm", "replay",
+    "serve", "demo", "audit-paper",
 )  # fmt: skip
 """The verbs of the command line, in the order of its overview."""
 
@@ -67,6 +67,7 @@ EXTRAS = {
     "ray": Extra("runs on a Ray cluster", ("ray",)),
     "vla-eval": Extra("our tasks in vla-evaluation-harness", ("vla_eval",)),
     "being-h": Extra("policy servers of Being-H", ("torch",)),
+    "vlm": Extra("vision-language models in the process", ("torch", "transformers")),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
 """The extras of the package by name, except that for developers."""

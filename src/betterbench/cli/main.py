@@ -151,6 +151,7 @@ VERBS: dict[str, Verb] = {
     ),
     "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time.", takes_suite=True),
     "vqa": Verb("vqa:vqa_command", "Make questions about recorded frames from the records."),
+    "vlm": Verb("vlm:vlm_command", "Evaluate a vision-language model on static benchmarks.", takes_tasks=False),
     "replay": Verb(
         "replay:replay_command", "Simulate a record again and compare, or write its video.", takes_suite=True
     ),
@@ -164,7 +165,7 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "demo", "train", "study", "assets", "review", "generate", "build"}
+) | {"vqa", "vlm", "demo", "train", "study", "assets", "review", "generate", "build"}
 """Verbs whose command can be repeated to resume after an interruption."""
 
 EXIT_BAD_INPUT = 2

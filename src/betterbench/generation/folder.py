@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from betterbench.errors import InvalidInputError, RunConflictError, UnknownNameError, one_line
+from betterbench.errors import RunConflictError, UnknownNameError
 from betterbench.generation.asking import (
     Asked,
     ExchangeFile,
@@ -32,7 +32,7 @@ from betterbench.jobs.outputs import OutputFolder
 from betterbench.json_form import read_object
 from betterbench.quoting import json_text
 from betterbench.tasks.authoring.templates import TEMPLATES
-from betterbench.vqa.llm import Chat, ChatEndpoint
+from betterbench.vqa.llm import Chat, ChatEndpoint, endpoint_at
 
 OFFLINE = "offline"
 """Name of the author without a model."""
@@ -164,11 +164,7 @@ def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
     """
     if settings.model == OFFLINE:
         return None
-    url, _, model = settings.model.partition("#")
-    if not model or not url:
-        problem = f"{one_line(settings.model, most=80)!r} is not an address with a model"
-        raise InvalidInputError("--model", problem, f"Write {OFFLINE}, or URL#MODEL: http://localhost:8000/v1#my-model")
-    return ChatEndpoint(url, model, key_variable=settings.key_variable)
+    return endpoint_at(settings.model, key_variable=settings.key_variable, otherwise=OFFLINE)
 
 
 def _offline(settings: GenerateSettings, sentence: str) -> Generated:

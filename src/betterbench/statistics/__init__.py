@@ -8,6 +8,7 @@ from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.betting import anytime_interval, evidence_above, evidence_below
 from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
 from betterbench.statistics.chance import chance_p
+from betterbench.statistics.clustered import ClusteredMean, clustered_mean
 from betterbench.statistics.difference import (
     Difference,
     delta_success_rate,
@@ -46,6 +47,7 @@ from betterbench.statistics.until_decided import (
 __all__ = [
     "AgreementTable",
     "Answer",
+    "ClusteredMean",
     "Decisions",
     "DetectableDifference",
     "Difference",
@@ -65,6 +67,7 @@ __all__ = [
     "boschloo_p",
     "chance_p",
     "clopper_pearson_interval",
+    "clustered_mean",
     "compact_letters",
     "decide",
     "delta_success_rate",

@@ -10,6 +10,8 @@ EXACT_UP_TO = 16
 """Largest number of pairs for which all flips are enumerated."""
 DRAWN = 99_999
 _SLACK = 1e-9
+_AT_ONCE = 10_000_000
+"""Number of signs that are multiplied at the same time, to bound the memory."""
 
 
 def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator) -> float:
@@ -31,5 +33,8 @@ def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator)
         bits = np.arange(1 << len(values))[:, None] >> np.arange(len(values)) & 1
         return float((np.abs((1 - 2 * bits) @ values) >= found).mean())
     flips = generator.integers(0, 2, size=(DRAWN, len(values)), dtype=np.int8)
-    at_least = int((np.abs((1.0 - 2.0 * flips) @ values) >= found).sum())
+    at_least = sum(
+        int((np.abs((1.0 - 2.0 * part) @ values) >= found).sum())
+        for part in np.array_split(flips, 1 + flips.size // _AT_ONCE)
+    )
     return (1 + at_least) / (1 + DRAWN)

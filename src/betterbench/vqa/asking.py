@@ -1,17 +1,29 @@
-"""Asking a model a set's questions, and scoring its answers by type."""
+"""Asking a model, and scoring its answers to a set of questions by type.
+
+:func:`ask_all` is the only way in which betterbench asks a vision-language model: ``better vqa --ask``, ``better vlm``
+and its extractor use it, and write the same file of answers.
+"""
 
 from __future__ import annotations
 
 import codecs
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
+from betterbench.errors import (
+    InvalidInputError,
+    RecordError,
+    RunConflictError,
+    encodable,
+    one_line,
+    require_between,
+)
 from betterbench.jobs import OnCount, counts, in_threads, run_items, write_durably
 from betterbench.jobs.item_threads import NoResource
 from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
@@ -19,10 +31,12 @@ from betterbench.jobs.outputs import OutputFile, require_replaceable
 from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
 from betterbench.quoting import json_line
 from betterbench.statistics import Rate
+from betterbench.vqa.coordinates import Coordinates
 from betterbench.vqa.dataset import QuestionSet
-from betterbench.vqa.llm import Chat, RefusedError, user_message
+from betterbench.vqa.llm import Chat, ChatModel, Model, RefusedError
+from betterbench.vqa.parsing import AnswerSpec
 from betterbench.vqa.question import Form, Question
-from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
+from betterbench.vqa.scoring import is_right, parse_answer, spec_of
 
 logger = logging.getLogger(__name__)
 
@@ -33,18 +47,36 @@ _BEGINNING = b'{"coordinates":'
 MOST_AT_ONCE = 256
 """Maximum number of simultaneous requests."""
 
-_UNITS: dict[Coordinates, str] = {
-    "pixels": "pixels of the image, which is {width} pixels wide and {height} high",
-    "thousandths": "thousandths of the width and the height of the image, from 0 to 1000",
-    "fractions": "fractions of the width and the height of the image, from 0 to 1",
-}
+LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
+"""Maximum number of characters of an answer that is stored. Of a longer text, the start and the end are kept."""
+
 _LINES = {
     Form.YES_NO: "Answer with Yes or No only.",
     Form.CHOICE: "Answer with the letter of the right option only.",
     Form.NUMBER: "Answer with a number only.",
-    Form.BOX: "Answer with [left, top, right, bottom] only, in {unit}.",
-    Form.POINT: "Answer with [x, y] only, in {unit}.",
 }
+_SHAPES: dict[Form, Literal["box", "point", "points"]] = {
+    Form.BOX: "box", Form.POINT: "point", Form.POINTS: "points",
+}  # fmt: skip
+
+
+def answer_line(spec: AnswerSpec) -> str:
+    """Return the sentence of a prompt that asks for an answer in its form."""
+    if spec.form in _SHAPES:
+        return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
+    return _LINES[spec.form]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One request to a model.
+
+    Attributes:
+        pictures: Reads the pictures (PNG or JPEG) when the request is sent.
+    """
+
+    prompt: str
+    pictures: Callable[[], Sequence[bytes]] = tuple
 
 
 @open_form
@@ -159,8 +191,7 @@ class _AnswerFile(LineJournal):
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
     """Return the prompt for a model: question, options, and the required form of the answer."""
-    unit = _UNITS[coordinates].format(width=question.width, height=question.height)
-    return f"{question.prompt}\n{_LINES[question.form].format(unit=unit)}"
+    return f"{question.prompt}\n{answer_line(spec_of(question, coordinates=coordinates))}"
 
 
 def ask_set(
@@ -175,7 +206,42 @@ def ask_set(
 ) -> Answers:
     """Ask a model all questions in a set that it has not answered yet, and return all answers.
 
-    Answers are appended in set order, so that the file does not depend on the number of simultaneous requests.
+    Raises the errors of :func:`ask_all`.
+    """
+    requests = {q.id: Request(prompt_for(q, coordinates), partial(_image_of, asked, q.image)) for q in asked.questions}
+    head = AnswersHead(chat.name, asked.sha256, coordinates)
+    return ask_all(requests, ChatModel(chat), head, file, at_once=at_once, overwrite=overwrite, on_progress=on_progress)
+
+
+def _image_of(asked: QuestionSet, place: str) -> tuple[bytes]:
+    return (asked.image(place),)
+
+
+def ask_all(
+    requests: Mapping[str, Request],
+    model: Model,
+    head: AnswersHead,
+    file: Path,
+    *,
+    at_once: int = 4,
+    overwrite: bool = False,
+    verb: str = "vqa",
+    on_progress: OnCount | None = None,
+) -> Answers:
+    """Send a model all requests that it has not answered yet, and return all answers.
+
+    Answers are appended in the order of the requests, so that the file does not depend on the number of simultaneous
+    requests. A rejected request is an empty answer with a reason.
+
+    Args:
+        requests: Requests by identifier.
+        model: The model.
+        head: First line of the file: model, set and coordinates.
+        file: File of answers, which is continued.
+        at_once: Number of simultaneous requests.
+        overwrite: Whether to replace a file with other data.
+        verb: Verb that writes the file, for errors.
+        on_progress: Called with the number of answers and requests.
 
     Raises:
         ModelError: If the model cannot be reached; earlier answers are kept.
@@ -184,21 +250,21 @@ def ask_set(
         InvalidInputError: If the number of requests is out of range.
     """
     require_between("--at-once", at_once, 1, MOST_AT_ONCE)
-    head = AnswersHead(chat.name, asked.sha256, coordinates)
-    require_replaceable(file, "vqa", overwrite=overwrite, is_ours=is_answers)
+    require_replaceable(file, verb, overwrite=overwrite, is_ours=is_answers)
     if overwrite and not _goes_on(file, head):
-        with OutputFile(file, "vqa", overwrite=True):
+        with OutputFile(file, verb, overwrite=True):
             write_durably(file, b"")
     with _AnswerFile(file, head) as kept:
-        questions = {q.id: q for q in asked.questions}
-
-        def ask(_: object, question: str) -> ModelAnswer:
-            return _ask(chat, asked, questions[question], coordinates)
-
         run_items(
-            questions,
+            requests,
             is_done=kept.known.__contains__,
-            work=lambda waiting: in_threads(waiting, ask, workers=at_once, open_resource=NoResource, in_order=True),
+            work=lambda waiting: in_threads(
+                waiting,
+                lambda _, name: _ask(model, name, requests[name]),
+                workers=at_once,
+                open_resource=NoResource,
+                in_order=True,
+            ),
             keep=kept.append,
             on_progress=counts(on_progress),
         )
@@ -233,13 +299,19 @@ def _first_line(file: Path) -> bytes:
         return b""
 
 
-def _ask(chat: Chat, asked: QuestionSet, question: Question, coordinates: Coordinates) -> ModelAnswer:
-    image = asked.image(question.image)
+def _ask(model: Model, name: str, request: Request) -> ModelAnswer:
+    pictures = request.pictures()
     try:
-        text = chat.complete([user_message(prompt_for(question, coordinates), image)])
+        text = model.answer(request.prompt, pictures)
     except RefusedError as error:
-        return ModelAnswer(question.id, "", str(error))
-    return ModelAnswer(question.id, text[:4000])
+        return ModelAnswer(name, "", str(error))
+    return ModelAnswer(name, encodable(_shortened(text)))
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= LONGEST_ANSWER:
+        return text
+    return f"{text[:_KEPT_START]}\n[...]\n{text[_KEPT_START - LONGEST_ANSWER :]}"
 
 
 def read_answers(file: Path, asked: QuestionSet) -> Answers:

@@ -42,6 +42,8 @@ class Form(StrEnum):
     """[left, top, right, bottom] edges [pixel]; correct if its overlap with the true box (IoU) is at least one half."""
     POINT = "point"
     """[x, y] column and row [pixel]; correct if it is on a visible pixel of the object."""
+    POINTS = "points"
+    """One or more points; the score is the share of them in the target region. Only in sets of others."""
 
 
 class Difficulty(StrEnum):

@@ -21,10 +21,12 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 LOCK = ROOT / "requirements" / "train.lock"
 INSTALL_LIMIT_S, TEST_LIMIT_S = 1200, 3600
-NEED_TORCH = (
-    "test_acting.py", "test_claims.py", "test_loop.py", "test_own_answers.py", "test_own_learner.py",
-    "test_row_in_torch.py", "test_seals.py",
-)  # fmt: skip
+TESTS = ROOT / "tests"
+NEED_TORCH = {
+    HERE / "test_acting.py", HERE / "test_claims.py", HERE / "test_loop.py", HERE / "test_own_answers.py",
+    HERE / "test_own_learner.py", HERE / "test_row_in_torch.py", HERE / "test_seals.py",
+    TESTS / "vlm" / "models" / "test_intern_vl.py",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -70,7 +72,7 @@ def test_in_torch(train_python):
     env = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OMP_NUM_THREADS": "1"}
     words = ["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "-m", "not gpu and not network"]
     done = subprocess.run(
-        [train_python, *words, *(str(HERE / name) for name in NEED_TORCH)],
+        [train_python, *words, *sorted(map(str, NEED_TORCH))],
         check=False, capture_output=True, text=True, timeout=TEST_LIMIT_S, cwd=ROOT, env=env,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
@@ -80,5 +82,5 @@ def test_in_torch(train_python):
 
 def test_no_file_that_needs_torch_is_left_out():
     imports = re.compile(r"^import torch$", re.MULTILINE)
-    needing = {file.name for file in HERE.glob("test_*.py") if imports.search(file.read_text())}
-    assert needing == set(NEED_TORCH)
+    files = [*HERE.glob("test_*.py"), *(TESTS / "vlm").rglob("test_*.py")]
+    assert {file for file in files if imports.search(file.read_text())} == NEED_TORCH

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -23,6 +23,7 @@ def compare_command(
     sequential: bool = False,
     allow_mixed: bool = False,
     fail_if_worse: bool = False,
+    column: Literal["strict", "parsed", "extracted"] | None = None,
     out: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
@@ -31,7 +32,7 @@ def compare_command(
 
     Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
     chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs
-    with the same name count as one policy.
+    with the same name count as one policy. Runs of better vlm are compared step by step, each with the run before it.
 
     Example: better compare runs/pi05 runs/gr00t
 
@@ -44,6 +45,8 @@ def compare_command(
         allow_mixed: Compare runs of different versions or engines anyway.
         fail_if_worse: Exit with status 1 if the first run is significantly worse than another one over all variations;
             for continuous integration.
+        column: For runs of better vlm: scores of strictly read answers, of all that the parser read (default), or with
+            an extractor.
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
         overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
@@ -52,7 +55,14 @@ def compare_command(
     from betterbench.comparison import compare, load_sides
     from betterbench.comparison.across import is_across
     from betterbench.records import RunFolder
+    from betterbench.vlm.stored import is_static_run
 
+    static = [path for path in runs if is_static_run(path)]
+    if static:
+        _static(runs, static, name, alpha=alpha, column=column or "parsed", json=json)
+        return
+    if column is not None:
+        raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave it out")
     folders = [RunFolder.open(path) for path in runs if path.is_dir()]
     if len(folders) == len(runs) and is_across(folders):
         if sequential or fail_if_worse:
@@ -75,6 +85,24 @@ def compare_command(
         print_comparison(result)
     if fail_if_worse and result.first_is_worse:
         raise SystemExit(1)
+
+
+def _static(
+    runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str, json: bool
+) -> None:
+    """Compare runs of better vlm step by step."""
+    from betterbench.cli.output.vlm import print_steps
+    from betterbench.vlm.steps import step_table
+
+    if len(static) < len(runs):
+        other = next(path for path in runs if path not in static)
+        problem = f"{static[0]} is a run of better vlm, and {other} is not"
+        raise InvalidInputError("better compare", problem, "Compare runs of one kind")
+    table = step_table(runs, names=name, column=column, alpha=alpha)
+    if json:
+        print_json(table.to_json())
+        return
+    print_steps(table)
 
 
 def _across(

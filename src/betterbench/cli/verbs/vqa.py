@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from betterbench.vqa.dataset import QuestionSet, SetOptions
     from betterbench.vqa.decisive import DecisiveOptions
 
+CoordinateNames = Literal[
+    "pixels", "thousandths", "fractions", "thousandths-json", "thousandths-yx-json", "percent-xml"
+]
 QuestionTypes = Literal["grounding", "counting", "relation", "containment", "stacking", "state", "execution", "premise"]
 
 
@@ -85,7 +88,7 @@ class ModelOptions:
     describe: str | None = None
     images: int = 100
     model: str = "default"
-    coordinates: Literal["pixels", "thousandths", "fractions"] = "pixels"
+    coordinates: CoordinateNames = "pixels"
     at_once: int = 4
     answers: Path | None = None
     learner: str | None = None
@@ -171,7 +174,7 @@ def _made(
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the set")
     require_cameras(asked.cameras)
-    return (_balanced(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
+    return (balanced_set(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
@@ -240,8 +243,8 @@ def _ask_learner(
     print_own_answers(list(summaries_of(answers)))
 
 
-def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
-    """Make or resume a balanced set."""
+def balanced_set(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
+    """Make or resume a balanced set about the records of a run."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.dataset import make_set

@@ -1,5 +1,16 @@
 """Clients for vision-language models: endpoints with OpenAI's chat protocol, and a scripted model."""
 
 from betterbench.vqa.llm.chat import Chat, ChatEndpoint, Message, RefusedError, ScriptedChat, user_message
+from betterbench.vqa.llm.model import ChatModel, Model, endpoint_at
 
-__all__ = ["Chat", "ChatEndpoint", "Message", "RefusedError", "ScriptedChat", "user_message"]
+__all__ = [
+    "Chat",
+    "ChatEndpoint",
+    "ChatModel",
+    "Message",
+    "Model",
+    "RefusedError",
+    "ScriptedChat",
+    "endpoint_at",
+    "user_message",
+]

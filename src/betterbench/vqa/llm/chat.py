@@ -59,6 +59,7 @@ class ChatEndpoint:
         timeout_s: float = 120.0,
         deadline_s: float = 600.0,
         tries: int = 4,
+        further: Mapping[str, Any] | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         """Store the address without sending anything.
@@ -70,6 +71,7 @@ class ChatEndpoint:
             timeout_s: Longest wait for the beginning of an answer and between its parts [s].
             deadline_s: Longest wait for a whole answer [s], for servers that send it in many small parts.
             tries: Number of times that a request is sent after transient failures.
+            further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
             sleep: Waits between tries [s]; replaced in tests.
 
         Raises:
@@ -87,11 +89,12 @@ class ChatEndpoint:
         self._path = f"{path}/chat/completions"
         self._where = f"{parts.scheme}://{host}{f':{port}' if port else ''}{self._path}"
         self._key_variable, self._timeout_s, self._tries, self._sleep = key_variable, timeout_s, tries, sleep
-        self._deadline_s = deadline_s
+        self._deadline_s, self._further = deadline_s, dict(further or {})
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
         """Return the answer at temperature 0; see :class:`Chat`."""
         form = {"model": self.name, "messages": list(messages), "temperature": 0, "max_tokens": max_tokens}
+        form |= self._further
         body = json.dumps(form).encode()
         problem = ""
         for attempt in range(self._tries):
@@ -172,13 +175,30 @@ class ScriptedChat:
         return self._answer(messages)[: 8 * max_tokens]
 
 
+PICTURE = "<image>"
+"""Mark of a picture's place in a prompt."""
+
+_MEDIA_TYPES = ((b"\x89PNG", "image/png"), (b"GIF8", "image/gif"), (b"RIFF", "image/webp"))
+
+
 def user_message(text: str, *images: bytes) -> Message:
-    """Return a user message with images (JPEG) before the text."""
-    shown = [
-        {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"}}
-        for image in images
-    ]
-    return {"role": "user", "content": [*shown, {"type": "text", "text": text}]}
+    """Return a user message with images (PNG, JPEG, GIF or WebP).
+
+    If the text contains :data:`PICTURE` once per image, the images stand at these places; otherwise all images come
+    before the text.
+    """
+    shown = [{"type": "image_url", "image_url": {"url": _data_address(image)}} for image in images]
+    parts = text.split(PICTURE)
+    if not images or len(parts) != len(images) + 1:
+        return {"role": "user", "content": [*shown, {"type": "text", "text": text}]}
+    texts = [{"type": "text", "text": part} for part in parts]
+    mixed = [item for pair in zip(texts, [*shown, None], strict=True) for item in pair]
+    return {"role": "user", "content": [item for item in mixed if item is not None and item.get("text") != ""]}
+
+
+def _data_address(image: bytes) -> str:
+    kind = next((kind for start, kind in _MEDIA_TYPES if image.startswith(start)), "image/jpeg")
+    return f"data:{kind};base64,{base64.b64encode(image).decode()}"
 
 
 def _told(reply: bytes) -> str:

@@ -1,0 +1,236 @@
+"""``better vlm``: static evaluation of a vision-language model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.verbs.vqa import CoordinateNames
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.jobs import OnCount
+    from betterbench.vlm import Benchmark, ItemSet
+    from betterbench.vlm.models.eyes import Eyes
+    from betterbench.vqa.llm import Model
+
+FETCH = "fetch"
+"""First word of a command that downloads data."""
+PROBE = "probe"
+"""First word of a command that finds out the convention of a model's coordinates."""
+IN_PROCESS = "hf:"
+"""Beginning of the address of a checkpoint in this process."""
+
+
+def vlm_command(
+    benchmark: Annotated[str, tyro.conf.Positional] = "better-vqa",
+    fetched: Annotated[str | None, tyro.conf.Positional] = None,
+    *,
+    model: str | None = None,
+    data: Path | None = None,
+    out: Path | None = None,
+    prompt: str | None = None,
+    coordinates: CoordinateNames | None = None,
+    eyes: Literal["native", "tile-1", "blur-224", "native-224"] = "native",
+    max_tiles: int | None = None,
+    probe: bool = True,
+    extractor: str | None = None,
+    scoring: Literal["own", "official"] = "own",
+    questions: int = 1000,
+    at_once: int = 4,
+    max_tokens: int = 1024,
+    workers: int = 1,
+    key_variable: str = "OPENAI_API_KEY",
+    extractor_key_variable: str = "OPENAI_API_KEY",
+    json: bool = False,
+) -> None:
+    """Ask a vision-language model the questions of a static benchmark and score its answers.
+
+    The benchmarks are better-vqa (our own questions about recorded frames, which needs no data), embspatial, refspatial
+    and egoplan2. better vlm fetch BENCHMARK downloads data or says what to put where. Every item counts: a missing or
+    unreadable answer is wrong. The same command resumes an interrupted run and asks no item twice.
+
+    Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
+
+    Args:
+        benchmark: Benchmark, "fetch", or "probe" (only finds out in which coordinates a model answers).
+        fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
+        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model, or hf:FOLDER
+            with an InternVL checkpoint (extra vlm).
+        data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
+        out: Folder of the run.
+        prompt: Identifier of the prompt; our own if not given.
+        coordinates: Order, scale and form of the model's points and boxes, which our own prompts state (fractions for
+            refspatial, pixels for better-vqa if not given). It is never guessed.
+        eyes: Resolution of the pictures: unchanged, one tile of 448 pixels, 224 pixels shown as 448, or 224 pixels.
+        max_tiles: Maximum number of InternVL's tiles per picture, 12 if not given; an endpoint gets it as vLLM's
+            mm_processor_kwargs. Only for native eyes.
+        probe: Check the declared coordinates with ten pictures of known places before the first question.
+        extractor: Chat endpoint of a language model that copies the answer out of texts that cannot be read.
+        scoring: "official" adds the numbers of upstream scorers, with their faults.
+        questions: Approximate number of questions of a set that is made.
+        at_once: Number of simultaneous requests.
+        max_tokens: Longest answer in tokens.
+        workers: Number of worker processes that make a set.
+        key_variable: Environment variable with the key of the endpoint.
+        extractor_key_variable: Environment variable with the key of the extractor's endpoint.
+        json: Print one JSON document instead of tables.
+    """
+    from betterbench.vlm import find_benchmark
+
+    if benchmark == FETCH:
+        _fetch(fetched, data, json=json)
+        return
+    if fetched is not None:
+        raise InvalidInputError("better vlm", f"got a second word, {fetched!r}", "Give one benchmark, or fetch and one")
+    chosen = None if benchmark == PROBE else find_benchmark(benchmark)
+    if model is None:
+        raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
+
+    from betterbench.vlm.models.eyes import Eyes
+
+    resolution = Eyes(eyes)
+    if max_tiles is not None and resolution is not Eyes.NATIVE:
+        raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
+    if model.startswith(IN_PROCESS):
+        at_once = 1
+    if chosen is None:
+        asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
+        _probe(asked, out, coordinates=coordinates, eyes=resolution, at_once=at_once, json=json)
+        return
+    if out is None:
+        raise InvalidInputError("--out", "is missing", "Name the folder of the run")
+
+    from betterbench.cli.output.vlm import print_run
+    from betterbench.vlm.prompts import find_prompt
+    from betterbench.vlm.running import RunSettings, evaluate_model
+    from betterbench.vqa.llm import ChatModel, endpoint_at
+
+    reader = None
+    if extractor is not None:
+        reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
+    wording = find_prompt(chosen.name, prompt)
+    convention = wording.convention(coordinates, chosen.coordinates)
+    settings = RunSettings(
+        wording, convention, resolution, max_tiles, at_once, probe=probe, official=scoring == "official"
+    )
+    asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
+    items = _items(chosen, data, questions, workers)
+    run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
+    if json:
+        print_json({"run": str(out), **run.to_json()})
+        return
+    print_run(chosen, run)
+    OUT.print(str(out), markup=False, soft_wrap=True)
+
+
+def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key_variable: str) -> Model:
+    """Return the model at an address: a chat endpoint, or a checkpoint in this process."""
+    from betterbench.vlm.models.eyes import MYOPIC, Eyes
+    from betterbench.vlm.models.tiles import MOST_TILES
+    from betterbench.vqa.llm import ChatModel, endpoint_at
+
+    if not address.startswith(IN_PROCESS):
+        further = None if max_tiles is None else {"mm_processor_kwargs": {"max_dynamic_patch": max_tiles}}
+        otherwise = f"{IN_PROCESS}FOLDER"
+        endpoint = endpoint_at(address, key_variable=key_variable, otherwise=otherwise, further=further)
+        return ChatModel(endpoint, max_tokens)
+    from betterbench.vlm.models.intern_vl import InternVl
+
+    return InternVl(
+        Path(address.removeprefix(IN_PROCESS)).expanduser(),
+        most_tiles=(max_tiles or MOST_TILES) if eyes is Eyes.NATIVE else 1,
+        side=MYOPIC if eyes is Eyes.NATIVE_224 else None,
+        max_tokens=max_tokens,
+    )
+
+
+def _probe(
+    asked: Model, out: Path | None, *, coordinates: CoordinateNames | None, eyes: Eyes, at_once: int, json: bool
+) -> None:
+    """Find out in which convention a model answers, and print it."""
+    from tempfile import TemporaryDirectory
+
+    from betterbench.cli.output.vlm import print_probe
+    from betterbench.vlm.probe import TARGETS, probe_model
+    from betterbench.vlm.running import PROBE_NAME
+
+    with TemporaryDirectory() as scratch, _bar("asking ten pictures", len(TARGETS)) as on_progress:
+        folder = out or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / PROBE_NAME
+        finding = probe_model(asked, file, declared=coordinates, eyes=eyes, at_once=at_once, on_progress=on_progress)
+    if json:
+        print_json(finding.to_json())
+        return
+    print_probe(finding)
+
+
+@contextmanager
+def _bar(what: str, total: int) -> Iterator[OnCount]:
+    with progress_bar(what, total) as (bar, task):
+        yield lambda done, _: bar.update(task, completed=done)
+
+
+def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -> ItemSet:
+    """Return the items in a folder, or those of a set that is made when none is given."""
+    if data is None:
+        if chosen.source.repository:
+            cure = f"Give the folder with its data; better vlm fetch {chosen.name} says what to put there"
+            raise InvalidInputError("--data", "is missing", cure)
+        data = _made(questions, workers)
+    elif not chosen.source.repository:
+        say(f"set: {data}")
+    return chosen.load(data)
+
+
+def _made(questions: int, workers: int) -> Path:
+    """Make or resume a question set about one trial of the expert on each condition of the suite, and return it."""
+    import platformdirs
+
+    from betterbench.cli.verbs.evaluate import run_with_bar
+    from betterbench.cli.verbs.vqa import balanced_set
+    from betterbench.evaluation import make_plan
+    from betterbench.version import __version__
+    from betterbench.vqa.dataset import SetOptions
+
+    options = SetOptions(questions=questions, frames=2, cameras=("front", "left_shoulder"))
+    place = platformdirs.user_cache_path("betterbench") / "vlm" / f"{__version__}-{questions}"
+    folder = place / "set"
+    say(f"set: {folder}, made from one trial of the expert on each condition of the suite")
+    if not (folder / "summary.json").exists():
+        plan = make_plan("expert", trials=1, observation="state_only", quality="fast")
+        run_with_bar(plan, place / "records", label="the expert", workers=workers)
+    balanced_set(place / "records", folder, options, workers)
+    return folder
+
+
+def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
+    """Download the data of a benchmark, or say what to put where."""
+    from betterbench.vlm import find_benchmark
+
+    if name is None:
+        raise InvalidInputError("better vlm fetch", "names no benchmark", "Write better vlm fetch BENCHMARK --data DIR")
+    chosen = find_benchmark(name)
+    from betterbench.cli.output.vlm import print_source
+    from betterbench.vlm.fetching import fetch_data
+
+    if not chosen.source.repository:
+        raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run better vlm {chosen.name}")
+    if folder is None:
+        print_source(chosen)
+        raise InvalidInputError("--data", "is missing", "Name the folder for the data")
+    with progress_bar(f"data of {chosen.name}", 0) as (bar, task):
+        fetched = fetch_data(
+            chosen, folder, on_progress=lambda done, total: bar.update(task, completed=done, total=total or None)
+        )
+    if json:
+        print_json({"data": str(folder), "files": [file.to_json() for file in fetched], "terms": chosen.source.terms})
+        return
+    print_source(chosen, fetched)
+    OUT.print(str(folder), markup=False, soft_wrap=True)

@@ -1,0 +1,23 @@
+"""Static benchmarks, one file each.
+
+A new benchmark is a file with a :class:`Benchmark` and its line in :data:`BENCHMARKS`; nothing else names it.
+"""
+
+from __future__ import annotations
+
+from betterbench.errors import find_named
+from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile, DataSource, Headline
+from betterbench.vlm.benchmarks.better_vqa import BETTER_VQA
+from betterbench.vlm.benchmarks.egoplan2 import EGOPLAN2
+from betterbench.vlm.benchmarks.embspatial import EMBSPATIAL
+from betterbench.vlm.benchmarks.refspatial import REFSPATIAL
+
+BENCHMARKS: tuple[Benchmark, ...] = (BETTER_VQA, EMBSPATIAL, REFSPATIAL, EGOPLAN2)
+"""All benchmarks; the first needs no download."""
+
+__all__ = ["BENCHMARKS", "Benchmark", "DataFile", "DataSource", "Headline", "find_benchmark"]
+
+
+def find_benchmark(name: str) -> Benchmark:
+    """Return a benchmark by its name; raise UnknownNameError if there is none."""
+    return find_named("benchmark", name, BENCHMARKS)

@@ -1,0 +1,70 @@
+"""Our own sets of ``better vqa``: questions about recorded frames, with answers that the records prove."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from betterbench.vlm.benchmarks.benchmark import Benchmark, DataSource, Headline, missing
+from betterbench.vlm.items import Gold, Item, ItemSet
+from betterbench.vqa.dataset import SET_NAME, QuestionSet, read_set
+from betterbench.vqa.question import Form, Question, letter
+
+_LAYOUT = ("a folder that better vqa has made",)
+
+
+def _read(folder: Path) -> ItemSet:
+    if not (folder / SET_NAME).is_file():
+        raise missing("better-vqa", folder, _LAYOUT)
+    return items_of(read_set(folder))
+
+
+def items_of(asked: QuestionSet) -> ItemSet:
+    """Return a question set as items. Both have the same content hash, so they share files of answers."""
+    reference = {b.name: {"chance": 100 * b.chance, "blind": 100 * b.blind / max(1, b.n)} for b in asked.baselines}
+    items = tuple(map(_item, asked.questions))
+    return ItemSet("better-vqa", items, asked.image, reference=reference, content=asked.sha256)
+
+
+def _item(question: Question) -> Item:
+    has_place = question.form in (Form.BOX, Form.POINT)
+    source = question.source
+    box = None if question.box is None else tuple(map(float, question.box))
+    gold = Gold(
+        text=None if has_place else _text(question),
+        box=box if question.form is Form.BOX else None,
+        runs=question.runs if question.form is Form.POINT else None,
+    )
+    return Item(
+        id=question.id,
+        form=question.form,
+        question=question.text,
+        gold=gold,
+        pictures=(question.image,),
+        cluster=f"{source.task}/{source.condition}/{source.seed}",
+        options=question.options,
+        groups={"type": question.type.value, "difficulty": question.difficulty.value, "family": question.family},
+        width=question.width if has_place else 0,
+        height=question.height if has_place else 0,
+    )
+
+
+def _text(question: Question) -> str:
+    return letter(question.options.index(question.answer)) if question.options else question.answer
+
+
+BETTER_VQA = Benchmark(
+    name="better-vqa",
+    title="better vqa",
+    read=_read,
+    source=DataSource(
+        repository="",
+        files=(),
+        license="as betterbench",
+        terms="Needs no download: better vlm makes a set when no --data is given.",
+        layout=_LAYOUT,
+    ),
+    headline=Headline(),
+    groups=("type", "difficulty", "family"),
+    coordinates="pixels",
+)
+"""Questions of eight types with difficulty tags, balanced against guessing without the picture."""

@@ -1,0 +1,130 @@
+"""Items of a static benchmark: question, pictures, correct answer and groups."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import dump_json
+from betterbench.vlm.models.eyes import Eyes, shown_picture
+from betterbench.vlm.pictures import mask_of
+from betterbench.vqa.asking import Request
+from betterbench.vqa.coordinates import Convention
+from betterbench.vqa.parsing import AnswerSpec
+from betterbench.vqa.question import Form
+
+
+@dataclass(frozen=True, slots=True)
+class Gold:
+    """Correct answer of an item, in one of several forms.
+
+    Attributes:
+        text: The letter of a choice, "Yes", "No", or the digits of a number.
+        box: Left, top, right and bottom edge [pixel].
+        mask: Name of the picture of the target region, in which all pixels above 0 are correct.
+        runs: Pixels of the target region as run lengths; see :class:`~betterbench.interface.state.SeenObject`.
+    """
+
+    text: str | None = None
+    box: tuple[float, ...] | None = None
+    mask: str | None = None
+    runs: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One item of a benchmark.
+
+    Attributes:
+        id: Identifier within the benchmark.
+        question: The question without its options.
+        options: Options of a choice, in letter order.
+        pictures: Names of the pictures in order.
+        groups: Name of the item's group by kind of group ("relation": "left").
+        cluster: Items with the same cluster share a scene, picture or video, so their scores are not independent.
+        width: Columns of the picture, for boxes and points; 0 otherwise [pixel].
+        height: Rows of the picture; 0 otherwise [pixel].
+        words: Further texts of the item that prompts use ("object", "suffix").
+    """
+
+    id: str
+    form: Form
+    question: str
+    gold: Gold
+    pictures: tuple[str, ...]
+    cluster: str
+    options: tuple[str, ...] = ()
+    groups: Mapping[str, str] = field(default_factory=dict)
+    width: int = 0
+    height: int = 0
+    words: Mapping[str, str] = field(default_factory=dict)
+
+    def spec(self, convention: Convention) -> AnswerSpec:
+        """Return the form of the answer in a convention of coordinates."""
+        return AnswerSpec(self.form, self.options, self.width, self.height, convention)
+
+
+@dataclass(frozen=True)
+class ItemSet:
+    """Items of a benchmark with their pictures.
+
+    Attributes:
+        benchmark: Name of the benchmark.
+        items: The items in the order of the data.
+        read: Returns the bytes of a picture by its name (PNG or JPEG).
+        files: SHA-256 of the files with the items, by name; part of the content hash.
+        reference: Reference rates by name of a group, such as chance and the blind classifier (in percent).
+        content: Content hash of the source, where the source defines one; otherwise computed from the items.
+    """
+
+    benchmark: str
+    items: tuple[Item, ...]
+    read: Callable[[str], bytes]
+    files: Mapping[str, str] = field(default_factory=dict)
+    reference: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    content: str = ""
+    _masks: dict[tuple[str, int], npt.NDArray[np.bool_]] = field(default_factory=dict, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError for an empty set and for identifiers that occur twice."""
+        if not self.items:
+            raise InvalidInputError(self.benchmark, "has no items", "Name the folder of its data")
+        seen = set[str]()
+        for item in self.items:
+            if item.id in seen:
+                raise InvalidInputError(
+                    self.benchmark, f"the identifier {item.id!r} occurs twice", "Give data with one row per item"
+                )
+            seen.add(item.id)
+
+    @property
+    def sha256(self) -> str:
+        """Content hash: of the source, or of the items and the files with them."""
+        if self.content:
+            return self.content
+        digest = hashlib.sha256(dump_json([self.benchmark, dict(sorted(self.files.items()))]))
+        for item in self.items:
+            digest.update(dump_json({**asdict(item), "form": item.form.value}))
+        return digest.hexdigest()
+
+    def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:
+        """Return the request for an item with a given prompt, with its pictures at a resolution."""
+        return Request(prompt, partial(self._pictures, item, eyes))
+
+    def _pictures(self, item: Item, eyes: Eyes) -> tuple[bytes, ...]:
+        return tuple(shown_picture(self.read(name), eyes).data for name in item.pictures)
+
+    def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
+        """Return a target region, shape (rows, columns): the pixels with values greater than ``above``."""
+        with self._lock:
+            if (name, above) not in self._masks:
+                self._masks[name, above] = mask_of(self.read(name), name, above=above)
+            return self._masks[name, above]

@@ -1,0 +1,148 @@
+"""Resolutions at which a model is shown a picture, for the paper's ablation with "myopic" eyes (its Table 3).
+
+The paper's "single 224 x 224 picture" can be read in three ways, which lose different information. Each squashes the
+picture to a square, so that fractions of its width and height stay the same:
+
+======================  ========================================  ==================================================
+eyes                    picture                                   lost against ``native``
+======================  ========================================  ==================================================
+``native``              unchanged, with up to 12 tiles            nothing
+``tile-1``              448 x 448 pixels, one tile                the tiles, and detail of pictures larger than a tile
+``blur-224``            reduced to 224 x 224, shown as 448 x 448  detail; as many tokens as ``tile-1``
+``native-224``          224 x 224 pixels                          detail and three quarters of a tile's tokens
+======================  ========================================  ==================================================
+
+``blur-224`` against ``tile-1`` measures the loss of detail, and ``native-224`` against ``blur-224`` the loss of tokens.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from PIL import Image
+
+from betterbench.vqa.coordinates import Convention
+
+TILE = 448
+"""Side of an InternVL tile [pixel] (``image_size`` in the configuration of InternVL-3.5)."""
+MYOPIC = 224
+"""Side of the paper's single picture [pixel] (appendix A.3)."""
+
+
+class Eyes(StrEnum):
+    """Resolution at which a model is shown pictures."""
+
+    NATIVE = "native"
+    TILE_1 = "tile-1"
+    BLUR_224 = "blur-224"
+    NATIVE_224 = "native-224"
+
+
+_STEPS: dict[Eyes, tuple[int, ...]] = {
+    Eyes.NATIVE: (),
+    Eyes.TILE_1: (TILE,),
+    Eyes.BLUR_224: (MYOPIC, TILE),
+    Eyes.NATIVE_224: (MYOPIC,),
+}
+"""Sides to which a picture is resized, one after the other [pixel]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Picture as a model is shown it.
+
+    Attributes:
+        data: The file: the original one for ``native``, otherwise PNG.
+        width: Width of the shown picture [pixel]; absolute coordinates in an answer refer to it.
+        height: Its height [pixel].
+        detail: Width and height that the detail of the picture has at most [pixel]; smaller than the shown picture
+            for ``blur-224``.
+    """
+
+    data: bytes
+    width: int
+    height: int
+    detail: tuple[int, int]
+
+
+def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
+    """Return a picture as a model with these eyes is shown it.
+
+    Args:
+        picture: A file that Pillow reads, such as PNG or JPEG.
+        eyes: The resolution.
+
+    Raises:
+        OSError: If the picture cannot be decoded.
+    """
+    with Image.open(io.BytesIO(picture)) as opened:
+        width, height = opened.size
+        if eyes is Eyes.NATIVE:
+            return Shown(picture, width, height, (width, height))
+        image = opened.convert("RGB")
+    detail = (width, height)
+    for side in _STEPS[eyes]:
+        detail = (min(detail[0], side), min(detail[1], side))
+        image = image.resize((side, side), Image.Resampling.BICUBIC)
+    return Shown(_png(image), image.width, image.height, detail)
+
+
+def convention_for(eyes: Eyes, convention: Convention) -> Convention:
+    """Return the convention in which a model with these eyes answers.
+
+    Pixels are those of the shown picture, which is a square of a known side. Other conventions stay the same.
+    """
+    if eyes is Eyes.NATIVE or convention.side is not None:
+        return convention
+    side = _STEPS[eyes][-1]
+    return replace(convention, side=side, unit=convention.unit.format(width=side, height=side))
+
+
+def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Eyes) -> float:
+    """Return the size of an object in the finest pixels that the eyes leave of a picture [pixel].
+
+    Args:
+        size: Width and height of the object in the original picture [pixel].
+        picture: Width and height of the original picture [pixel].
+        eyes: The resolution.
+
+    Returns:
+        The geometric mean of the object's width and height.
+    """
+    least = min(_STEPS[eyes], default=None)
+    across, down = ((1.0 if least is None else min(1.0, least / side)) for side in picture)
+    return float((size[0] * across * size[1] * down) ** 0.5)
+
+
+def contact_sheet(picture: bytes, eyes: Sequence[Eyes] = tuple(Eyes), *, side: int = TILE) -> bytes:
+    """Return a PNG with a picture as each of the eyes shows it, next to each other with their names.
+
+    Below each picture is its middle, three times as large, without smoothing, so that its pixels can be seen.
+
+    Raises:
+        OSError: If the picture cannot be decoded.
+    """
+    from PIL import ImageDraw  # noqa: PLC0415 - only for sheets
+
+    gap, line = 8, 24
+    sheet = Image.new("RGB", (gap + (side + gap) * len(eyes), line + 2 * (side + gap)), "white")
+    pen = ImageDraw.Draw(sheet)
+    for i, each in enumerate(eyes):
+        shown = shown_picture(picture, each)
+        with Image.open(io.BytesIO(shown.data)) as opened:
+            image = opened.convert("RGB")
+        middle = (image.width / 3, image.height / 3, image.width * 2 / 3, image.height * 2 / 3)
+        left = gap + (side + gap) * i
+        pen.text((left, 6), f"{each.value}: {shown.width} x {shown.height} pixels", fill="black")
+        sheet.paste(image.resize((side, side), Image.Resampling.LANCZOS), (left, line))
+        sheet.paste(image.resize((side, side), Image.Resampling.NEAREST, box=middle), (left, line + side + gap))
+    return _png(sheet)
+
+
+def _png(image: Image.Image) -> bytes:
+    file = io.BytesIO()
+    image.save(file, "PNG")
+    return file.getvalue()

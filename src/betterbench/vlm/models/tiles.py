@@ -1,0 +1,67 @@
+"""InternVL's division of a picture into square tiles, and the number of tokens that it costs.
+
+The rule of InternVL's ``dynamic_preprocess`` and of the image processor in transformers (GOT-OCR 2): of all grids with
+at most ``most`` tiles, the one with the nearest aspect ratio is used. Between two grids of the same aspect ratio, the
+larger one is used if the picture has more than half as many pixels. The picture is resized to the grid and cut. If
+there is more than one tile, a thumbnail of the complete picture follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.errors import require_between
+
+MOST_TILES = 12
+"""Default maximum number of tiles for a picture (``max_patches`` of InternVL-3.5's image processor)."""
+TILES_ALLOWED = 64
+"""Largest accepted maximum."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Tiles of a picture: columns, rows, and whether a thumbnail follows."""
+
+    columns: int
+    rows: int
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles, including the thumbnail."""
+        cut = self.columns * self.rows
+        return cut + (cut > 1)
+
+    def tokens(self, side: int, *, patch: int = 14, shuffle: float = 0.5) -> int:
+        """Return the number of tokens for the language model.
+
+        Args:
+            side: Side of a tile [pixel].
+            patch: Side of a patch of the vision transformer [pixel].
+            shuffle: Factor by which pixel shuffling reduces each side of the patch grid.
+        """
+        return self.tiles * int(side // patch * shuffle) ** 2
+
+
+def grid_of(width: int, height: int, *, most: int = MOST_TILES, side: int = 448) -> Grid:
+    """Return the tiles of a picture.
+
+    Args:
+        width: Width of the picture [pixel].
+        height: Height of the picture [pixel].
+        most: Maximum number of tiles without the thumbnail.
+        side: Side of a tile [pixel].
+
+    Raises:
+        InvalidInputError: If ``most`` is out of range.
+    """
+    require_between("max-tiles", most, 1, TILES_ALLOWED)
+    shapes = sorted(
+        ((i, j) for i in range(1, most + 1) for j in range(1, most + 1) if i * j <= most), key=lambda s: s[0] * s[1]
+    )
+    ratio, best, nearest = width / height, (1, 1), float("inf")
+    for columns, rows in shapes:
+        distance = abs(ratio - columns / rows)
+        fills = width * height > 0.5 * side * side * columns * rows
+        if distance < nearest or (distance == nearest and fills):
+            best, nearest = (columns, rows), distance
+    return Grid(*best)

@@ -1,0 +1,21 @@
+"""Scores of upstream programs, with their faults, for comparison with published numbers.
+
+Each scorer is written from the behavior of the program that it names, at a fixed commit, and gives the same number for
+the same texts. ``FAULTS`` in the documentation (``docs/vlm.md``) lists what differs from our scores and why.
+"""
+
+from __future__ import annotations
+
+from betterbench.vlm.official.egoplan2 import EGOPLAN2_EVAL, EGOPLAN2_LMMS_EVAL
+from betterbench.vlm.official.embspatial import EMBSPATIAL_LMMS_EVAL
+from betterbench.vlm.official.refspatial import REFSPATIAL_EASI, REFSPATIAL_LMMS_EVAL, REFSPATIAL_ROBOREFER
+from betterbench.vlm.official.upstream import UpstreamScore, UpstreamScorer, upstream_scores
+
+UPSTREAM: dict[str, tuple[UpstreamScorer, ...]] = {
+    "embspatial": (EMBSPATIAL_LMMS_EVAL,),
+    "refspatial": (REFSPATIAL_ROBOREFER, REFSPATIAL_LMMS_EVAL, REFSPATIAL_EASI),
+    "egoplan2": (EGOPLAN2_EVAL, EGOPLAN2_LMMS_EVAL),
+}
+"""Upstream scorers by benchmark, the authors' own first where they published one."""
+
+__all__ = ["UPSTREAM", "UpstreamScore", "UpstreamScorer", "upstream_scores"]

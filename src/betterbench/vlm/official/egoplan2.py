@@ -1,0 +1,41 @@
+"""EgoPlan-Bench2 as its authors' ``eval.py`` and lmms-eval score it.
+
+Both delete stock phrases and take the first capital A, B, C or D anywhere: "Based on the video, the answer is C" gives
+B. Missing commas in the lists of phrases join four of them into two that no text contains.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from fractions import Fraction
+
+from betterbench.vlm.items import Item, ItemSet
+from betterbench.vlm.official.upstream import UpstreamScorer
+
+_BEFORE = ("The best answer is", "The correct answer is", "The answer is", "The answer")
+_JOINED = ("The best option isThe correct option is", "Best answer:Best option:")
+_AFTER = ("Answer:", "Option:", "The correct answer", "The correct option")
+
+
+def letter_of(text: str, phrases: tuple[str, ...] = (*_BEFORE, *_JOINED, *_AFTER)) -> str:
+    """Return the letter that a program finds with its list of phrases, or an empty text."""
+    rest = text.strip()
+    for phrase in phrases:
+        rest = rest.replace(phrase, "")
+    found = re.search("[ABCD]", rest)
+    return found[0] if found else ""
+
+
+def _with(phrases: tuple[str, ...]) -> Callable[[ItemSet, Item, str, str], Fraction]:
+    return lambda _items, item, text, _coordinates: Fraction(letter_of(text, phrases) == item.gold.text)
+
+
+EGOPLAN2_EVAL = UpstreamScorer(
+    "EgoPlan-Bench2 eval.py", "qiulu66/EgoPlan-Bench2@5be8155 eval.py", _with((*_BEFORE, *_JOINED, *_AFTER))
+)
+"""The authors' program; micro mean over all items."""
+EGOPLAN2_LMMS_EVAL = UpstreamScorer(
+    "lmms-eval", "EvolvingLMMs-Lab/lmms-eval@6c3e853 tasks/egoplan2/utils.py", _with((*_BEFORE, *_JOINED))
+)
+"""The same with a shorter list of phrases."""

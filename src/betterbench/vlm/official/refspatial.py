@@ -1,0 +1,198 @@
+"""RefSpatial-Bench as RoboRefer's evaluation, lmms-eval and the EASI scorer of VLMEvalKit score it.
+
+The points are found by patterns that differ by convention; the score of an item is the mean of the mask over its
+points. An item whose text raises an error while it is read leaves the denominator.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from betterbench.vlm.items import Item, ItemSet
+from betterbench.vlm.official.upstream import DroppedError, StoppedError, UpstreamScorer
+
+_SIGNED = r"[+-]?\d+\.?\d*"
+_TUPLE = re.compile(rf"\(({_SIGNED}(?:,\s*{_SIGNED})*?)\)")
+_NUMBERED = re.compile(r'x\d+="(-?\d+\.?\d*)"\s+y\d+="(-?\d+\.?\d*)"')
+_FENCED = re.compile(r"```(?:\w+)?\n(.*?)```", re.DOTALL)
+_MOST_DIGITS = 18
+"""Integers beyond 64 bits do not fit into the program's arrays; no picture has such a column."""
+
+Point = tuple[int | float, int | float]
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """A box that stands for all its pixels: first and one past the last column and row."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def area(self) -> int:
+        """Number of pixels."""
+        return (self.right - self.left) * (self.bottom - self.top)
+
+
+Shape = Point | Rectangle
+
+
+def tuples_of(text: str, width: int, height: int, *, absolute: bool = False) -> list[Shape]:
+    """Return the points of ``(x, y)`` and the boxes of ``(x0, y0, x1, y1)``.
+
+    Without ``absolute``, a pair is scaled if one of its numbers has a decimal point; a pair of integers is taken as
+    pixels. A tuple with spaces inside its brackets, or with ".5", is not found.
+
+    Raises:
+        DroppedError: If the program raises an error while it reads the text.
+    """
+    shapes: list[Shape] = []
+    for found in _TUPLE.findall(text):
+        numbers = [_number(part) for part in found.split(",")]
+        if len(numbers) == 2:
+            x, y = numbers
+            if not absolute and (isinstance(x, float) or isinstance(y, float)):
+                x, y = _scaled(x, width), _scaled(y, height)
+            shapes.append((x, y))
+        elif len(numbers) == 4:
+            if not absolute:
+                numbers = [_scaled(v, side) for v, side in zip(numbers, (width, height) * 2, strict=True)]
+            shapes += _rectangle(numbers)
+    return shapes
+
+
+def _number(part: str) -> int | float:
+    digits = part.strip()
+    if "." in digits:
+        return float(digits)
+    if len(digits) > _MOST_DIGITS:
+        raise DroppedError
+    return int(digits)
+
+
+def _scaled(value: float, side: int) -> int:
+    if abs(value) > 10.0**15:
+        raise DroppedError
+    return int(value * side)
+
+
+def _rectangle(numbers: Sequence[int | float]) -> list[Shape]:
+    if any(isinstance(v, float) for v in numbers):
+        raise DroppedError  # the size of an array must be an integer
+    box = Rectangle(*map(int, numbers))
+    if box.right < box.left or box.bottom < box.top:
+        raise DroppedError  # a negative size
+    return [box] if box.area else []
+
+
+def tags_of(text: str, width: int, height: int) -> list[Shape]:
+    """Return the points of Molmo's tags with numbered attributes; a single ``x="1" y="2"`` is not found."""
+    return [(int(float(x) / 100 * width), int(float(y) / 100 * height)) for x, y in _NUMBERED.findall(text)]
+
+
+def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
+    """Return the points of Gemini's JSON in a fence; JSON without a fence, or broken JSON, has none.
+
+    Raises:
+        DroppedError: If the program raises an error, as for a single object instead of a list.
+    """
+    fence = _FENCED.search(text)
+    if fence is None:
+        return []
+    try:
+        form = json.loads(fence[1].strip())
+    except json.JSONDecodeError:
+        return []
+    except (RecursionError, ValueError) as error:
+        raise DroppedError from error
+    shapes: list[Shape] = []
+    try:
+        for entry in form:
+            if "point" in entry and isinstance(entry["point"], list) and len(entry["point"]) == 2:
+                y, x = entry["point"]
+                shapes.append((int(x / 1000 * width), int(y / 1000 * height)))
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
+        raise DroppedError from error
+    return shapes
+
+
+def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int = 0) -> Fraction:
+    """Return the mean of the mask over all points, where points outside count 0.
+
+    Mask pixels with values greater than ``above`` are correct.
+
+    Raises:
+        StoppedError: If a pixel is not an integer, so that the program ends with an error.
+    """
+    if not shapes:
+        return Fraction(0)
+    if any(isinstance(v, float) for shape in shapes if isinstance(shape, tuple) for v in shape):
+        raise StoppedError
+    mask = items.mask(item.gold.mask or "", above=above)
+    rows, columns = mask.shape
+    right, count = 0, 0
+    for shape in shapes:
+        if isinstance(shape, Rectangle):
+            count += shape.area
+            inside = mask[max(0, shape.top) : max(0, shape.bottom), max(0, shape.left) : max(0, shape.right)]
+            right += int(inside.sum())
+        else:
+            x, y = map(int, shape)
+            count += 1
+            right += 0 <= x < columns and 0 <= y < rows and bool(mask[y, x])
+    return Fraction(right, count)
+
+
+def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
+    """Return columns and rows of the mask, with which the programs scale."""
+    rows, columns = items.mask(item.gold.mask or "").shape
+    return columns, rows
+
+
+def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:
+    readers: dict[str, Callable[[str, int, int], list[Shape]]] = {
+        "fractions": tuples_of,
+        "pixels": lambda t, w, h: tuples_of(t, w, h, absolute=True),
+        "percent-xml": tags_of,
+        "thousandths-yx-json": fenced_points_of,
+    }
+    return share_of(items, item, readers[coordinates](text, *_sides(items, item)))
+
+
+def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
+    """Score a text with all pairs read as fractions, integers too; boxes are ignored, and faint masks are empty."""
+    pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
+    width, height = _sides(items, item)
+    shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]
+    return share_of(items, item, shapes, above=127)
+
+
+def _easi(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
+    """Score 0: reading a text raises an AttributeError (a logger that does not exist), which is scored as 0."""
+    return Fraction(0)
+
+
+REFSPATIAL_ROBOREFER = UpstreamScorer(
+    "RoboRefer",
+    "Zhoues/RoboRefer@d97a995 Evaluation/summarize_acc.py",
+    _roborefer,
+    group="split",
+    among=("location", "placement"),
+    conventions=("fractions", "pixels", "percent-xml", "thousandths-yx-json"),
+)
+"""The authors' program, mean of Location and Placement."""
+REFSPATIAL_LMMS_EVAL = UpstreamScorer(
+    "lmms-eval",
+    "EvolvingLMMs-Lab/lmms-eval@110165a tasks/refspatial/utils.py",
+    _lmms_eval,
+    conventions=("fractions",),
+)
+"""Micro mean over all three splits."""
+REFSPATIAL_EASI = UpstreamScorer("VLMEvalKit (EASI)", "open-compass/VLMEvalKit@e8e78f0 refspatialbench.py", _easi)
+"""0 on every item."""

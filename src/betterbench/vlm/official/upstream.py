@@ -1,0 +1,123 @@
+"""An upstream scorer and its result beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from betterbench.vlm.items import Item, ItemSet
+from betterbench.vlm.scoring import StaticScore
+
+
+class DroppedError(Exception):
+    """The upstream program leaves this item out of its denominator."""
+
+
+class StoppedError(Exception):
+    """The upstream program ends with an error at this item."""
+
+
+@dataclass(frozen=True, slots=True)
+class UpstreamScorer:
+    """Scorer of an upstream program.
+
+    Attributes:
+        name: Short name of the program.
+        source: Repository, commit and file.
+        score: Returns the score of a text; raises DroppedError or StoppedError.
+        group: Kind of group whose means are averaged; None for the mean over all counted items.
+        among: Groups that are averaged; all of them if empty.
+        conventions: Conventions of coordinates that the program reads; all if empty.
+    """
+
+    name: str
+    source: str
+    score: Callable[[ItemSet, Item, str, str], Fraction]
+    group: str | None = None
+    among: tuple[str, ...] = ()
+    conventions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class UpstreamScore:
+    """Result of an upstream scorer.
+
+    Attributes:
+        value: Its number, or None if the program ends with an error or scores no item.
+        scored: Number of items in its denominator.
+        total: Number of items of the benchmark.
+        differs: Number of items with another score than ours (values that our parser read).
+        stopped_at: Identifier of the item at which the program ends with an error.
+        moved: Its number minus ours.
+        note: Reason for a missing number.
+    """
+
+    name: str
+    source: str
+    value: Fraction | None
+    scored: int
+    total: int
+    differs: int
+    stopped_at: str | None
+    moved: Fraction | None
+    note: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict; rates are fractions."""
+        return {
+            "name": self.name,
+            "source": self.source,
+            "value": None if self.value is None else float(self.value),
+            "scored": self.scored,
+            "total": self.total,
+            "differs": self.differs,
+            "stopped_at": self.stopped_at,
+            "moved": None if self.moved is None else float(self.moved),
+            "note": self.note,
+        }
+
+
+def upstream_scores(
+    scorers: tuple[UpstreamScorer, ...],
+    items: ItemSet,
+    texts: Mapping[str, str],
+    ours: StaticScore,
+    coordinates: str,
+) -> list[UpstreamScore]:
+    """Return the numbers of upstream programs for the same texts.
+
+    An item without a text is scored as an empty text, as upstream programs do that got an empty reply.
+    """
+    return [_scored(scorer, items, texts, ours, coordinates) for scorer in scorers]
+
+
+def _scored(
+    scorer: UpstreamScorer, items: ItemSet, texts: Mapping[str, str], ours: StaticScore, coordinates: str
+) -> UpstreamScore:
+    total = len(items.items)
+    if scorer.conventions and coordinates not in scorer.conventions:
+        note = f"reads {' or '.join(scorer.conventions)} only"
+        return UpstreamScore(scorer.name, scorer.source, None, 0, total, 0, None, None, note)
+    by_group: dict[str, list[Fraction]] = {}
+    differs, scored, stopped = 0, 0, None
+    for item, own in zip(items.items, ours.items, strict=True):
+        try:
+            score = scorer.score(items, item, texts.get(item.id, ""), coordinates)
+        except DroppedError:
+            differs += 1
+            continue
+        except StoppedError:
+            stopped = item.id
+            break
+        scored += 1
+        differs += score != own.score_in("parsed")
+        by_group.setdefault(item.groups.get(scorer.group, "") if scorer.group else "", []).append(score)
+    means = [
+        sum(of, Fraction(0)) / len(of) for name, of in by_group.items() if not scorer.among or name in scorer.among
+    ]
+    value = sum(means, Fraction(0)) / len(means) if means and stopped is None else None
+    moved = None if value is None else value - ours.headline["parsed"]
+    note = "" if stopped is None else "ends with an error"
+    return UpstreamScore(scorer.name, scorer.source, value, scored, total, differs, stopped, moved, note)

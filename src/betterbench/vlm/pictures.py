@@ -1,0 +1,90 @@
+"""Pictures of strangers: sizes, target regions, and pictures in folders, tables, JSON and videos."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import io
+import warnings
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.jobs.places import require_inside
+from betterbench.json_form import read_bounded
+
+MOST_BYTES = 64 << 20
+"""Largest picture that is read [byte]."""
+MOST_PIXELS = 64_000_000
+_CURE = "Download the data again"
+
+
+def size_of(data: bytes, where: str) -> tuple[int, int]:
+    """Return columns and rows of a picture from its header; raise InvalidInputError if it is not a picture."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data)) as image:
+                width, height = image.size
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InvalidInputError(where, f"is not a picture ({one_line(error)})", _CURE) from error
+    if width * height > MOST_PIXELS:
+        raise InvalidInputError(where, f"has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
+    return width, height
+
+
+def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
+    """Return the pixels with values greater than ``above`` in the first channel, shape (rows, columns)."""
+    size_of(data, where)
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            values = np.asarray(image)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InvalidInputError(where, f"is not a picture ({one_line(error)})", _CURE) from error
+    return np.asarray((values if values.ndim == 2 else values[:, :, 0]) > above)
+
+
+def file_in(folder: Path, place: str, *, where: str) -> Path:
+    """Return the path of a file that a row of the data names.
+
+    Raises:
+        InvalidInputError: If the path leads out of the folder, or the file is missing.
+    """
+    pure = PurePosixPath(place)
+    if not place or pure.is_absolute() or ".." in pure.parts or not place.isprintable():
+        raise InvalidInputError(where, f"{one_line(place, most=80)!r} leads out of the data", "Give a relative path")
+    path = folder / place
+    require_inside(path, folder)
+    if not path.is_file():
+        raise InvalidInputError(where, f"names {one_line(place, most=120)}, which is missing", f"Put it into {folder}")
+    return path
+
+
+def picture_file(path: Path) -> bytes:
+    """Return the bytes of a picture file."""
+    return read_bounded(path, max_bytes=MOST_BYTES, cure=_CURE)
+
+
+def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON or Parquet
+    """Return the bytes of an embedded picture: bytes, base64 text, or a struct with them.
+
+    Raises:
+        InvalidInputError: If the cell holds no picture; it names the place.
+    """
+    if isinstance(value, Mapping):
+        value = value.get("bytes")
+    if isinstance(value, bytes | bytearray) and value:
+        return bytes(value)
+    if isinstance(value, str) and value:
+        text = value.partition(",")[2] if value.startswith("data:") else value
+        try:
+            return base64.b64decode("".join(text.split()), validate=True)
+        except (binascii.Error, ValueError) as error:
+            problem = f"is not base64 ({one_line(error)})"
+            raise InvalidInputError(where, problem, "Give the picture as base64 or bytes") from error
+    raise InvalidInputError(where, "contains no picture", "Give the picture as base64, bytes, or a struct with bytes")

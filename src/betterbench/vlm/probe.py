@@ -1,0 +1,297 @@
+"""Probe that finds out in which coordinate convention a model answers, from pictures with known points and boxes.
+
+Ten pictures show one disk or one rectangle each. For every order (column or row first) and scale (pixels, fractions,
+percent, thousandths) the answers are compared with the true places. A convention is named only if a single order and
+scale explains the answers. Places are far from the diagonal, and pictures have fewer than 600 pixels on a side, so that
+no two orders and scales agree within the tolerance.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from itertools import product
+from pathlib import Path
+from statistics import median
+from typing import Any, Literal, get_args
+
+from PIL import Image, ImageDraw
+
+from betterbench.errors import InvalidInputError
+from betterbench.jobs import OnCount
+from betterbench.vlm.models.eyes import Eyes, convention_for, shown_picture
+from betterbench.vqa.asking import AnswersHead, Request, answer_line, ask_all
+from betterbench.vqa.coordinates import CONVENTIONS, Coordinates
+from betterbench.vqa.llm import Model
+from betterbench.vqa.parsing import AnswerSpec, read_text
+from betterbench.vqa.parsing.points import exact_groups
+from betterbench.vqa.question import Form
+
+TOLERANCE = 0.1
+"""Largest error of an answer that fits, as a fraction of the picture's side: three standard deviations of a pointing
+noise of 3 %."""
+_MOST_FITTING = 0.8
+"""Minimum fraction of answers that fit."""
+_FEWEST = 6
+"""Minimum number of readable answers."""
+
+Order = Literal["xy", "yx"]
+_SCALES: Mapping[int | None, str] = {None: "pixels", 1: "fractions", 100: "percent", 1000: "thousandths"}
+_COLORS = {"red": "#d03030", "blue": "#2850c8", "green": "#2a9040"}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A picture with one disk or rectangle.
+
+    Attributes:
+        shape: "disk" asks for a point, "rectangle" for a box.
+        size: Width and height of the picture [pixel].
+        middle: Middle of the shape, as fractions of the width and the height.
+        half: Half of the rectangle's width and height, or of the disk's diameter, as fractions.
+    """
+
+    shape: Literal["disk", "rectangle"]
+    color: str
+    size: tuple[int, int]
+    middle: tuple[float, float]
+    half: tuple[float, float] = (0.05, 0.05)
+
+    @property
+    def form(self) -> Form:
+        """Form of the answer."""
+        return Form.POINT if self.shape == "disk" else Form.BOX
+
+    @property
+    def edges(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom edge, as fractions."""
+        (x, y), (dx, dy) = self.middle, self.half
+        return (x - dx, y - dy, x + dx, y + dy)
+
+    def picture(self) -> bytes:
+        """Return the picture as PNG."""
+        image = Image.new("RGB", self.size, "#dcd8d0")
+        pen = ImageDraw.Draw(image)
+        left, top, right, bottom = (v * self.size[i % 2] for i, v in enumerate(self.edges))
+        if self.shape == "disk":
+            radius = (right - left) / 2
+            x, y = (self.middle[0] * self.size[0], self.middle[1] * self.size[1])
+            pen.ellipse((x - radius, y - radius, x + radius, y + radius), fill=_COLORS[self.color])
+        else:
+            pen.rectangle((left, top, right, bottom), fill=_COLORS[self.color])
+        file = io.BytesIO()
+        image.save(file, "PNG")
+        return file.getvalue()
+
+    def error(self, numbers: Sequence[Fraction], order: Order, scale: tuple[int, int]) -> float:
+        """Return the largest distance of an answer from the truth along a side, as a fraction of the side.
+
+        Args:
+            numbers: Two numbers for a point, or four for a box.
+            order: Order of the numbers.
+            scale: Numbers that stand for the whole width and height.
+        """
+        if order == "yx":
+            numbers = [numbers[i ^ 1] for i in range(len(numbers))]
+        places = [float(v) / scale[i % 2] for i, v in enumerate(numbers)]
+        true = self.edges if len(numbers) == 4 and self.shape == "rectangle" else self.middle
+        if len(numbers) == 4 and self.shape == "disk":
+            places = [(places[0] + places[2]) / 2, (places[1] + places[3]) / 2]
+        return max(abs(place - value) for place, value in zip(places, true, strict=True))
+
+
+_SMALL, _TALL, _WIDE = (320, 240), (240, 320), (512, 288)
+TARGETS: tuple[Target, ...] = (
+    Target("disk", "red", _SMALL, (0.80, 0.30)),
+    Target("disk", "blue", _TALL, (0.25, 0.75)),
+    Target("disk", "green", _WIDE, (0.65, 0.20)),
+    Target("disk", "red", _WIDE, (0.35, 0.85)),
+    Target("disk", "blue", _SMALL, (0.90, 0.55)),
+    Target("rectangle", "green", _SMALL, (0.25, 0.70), (0.10, 0.15)),
+    Target("rectangle", "red", _TALL, (0.75, 0.25), (0.12, 0.10)),
+    Target("rectangle", "blue", _WIDE, (0.80, 0.40), (0.10, 0.20)),
+    Target("rectangle", "green", _TALL, (0.35, 0.80), (0.20, 0.08)),
+    Target("rectangle", "red", _SMALL, (0.60, 0.25), (0.08, 0.12)),
+)
+"""The pictures of a probe."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Agreement of the answers with one order and scale.
+
+    Attributes:
+        order: "xy" for column before row, "yx" for row before column.
+        scale: "pixels", "fractions", "percent" or "thousandths".
+        fitting: Number of answers within the tolerance.
+        error: Median error, as a fraction of the picture's side.
+    """
+
+    order: Order
+    scale: str
+    fitting: int
+    error: float
+
+    @property
+    def words(self) -> str:
+        """Order and scale in words."""
+        return f"{self.scale}, {'column before row' if self.order == 'xy' else 'row before column'}"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Result of a probe.
+
+    Attributes:
+        model: Model name.
+        declared: Convention that the requests asked for; None if they asked for none.
+        readable: Number of answers with coordinates, of all pictures.
+        asked: Number of pictures.
+        fits: All orders and scales, the best first.
+        found: The convention, or None if no order and scale fits, several fit, or betterbench has no such convention.
+    """
+
+    model: str
+    declared: Coordinates | None
+    readable: int
+    asked: int
+    fits: tuple[Fit, ...]
+    found: Coordinates | None
+
+    @property
+    def fitting(self) -> tuple[Fit, ...]:
+        """Orders and scales that explain the answers."""
+        least = max(_FEWEST, _MOST_FITTING * self.readable)
+        return tuple(fit for fit in self.fits if fit.fitting >= least)
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        if self.readable < _FEWEST:
+            return (
+                f"{self.model} gave coordinates for {self.readable} of {self.asked} pictures, and {_FEWEST} are needed "
+                "to tell its convention."
+            )
+        if not self.fitting:
+            return f"{self.model} does not point at the shapes in any order and scale: the nearest is {self._nearest}."
+        if len(self.fitting) > 1:
+            listed = "; ".join(fit.words for fit in self.fitting)
+            return f"Several conventions explain the answers of {self.model}, so none is named: {listed}."
+        fit = self.fitting[0]
+        if self.found is None:
+            return f"{self.model} answers in {fit.words}, for which betterbench has no convention."
+        return f"{self.model} answers in {fit.words} (--coordinates {self.found}), in {fit.fitting} of {self.readable}."
+
+    @property
+    def _nearest(self) -> str:
+        best = self.fits[0]
+        return f"{best.words}, with a median error of {100 * best.error:.0f} % of the side"
+
+    def require(self, declared: Coordinates) -> None:
+        """Raise InvalidInputError if the answers show another order or scale than the declared convention."""
+        if self.found is None:
+            return
+        there, said = CONVENTIONS[self.found], CONVENTIONS[declared]
+        if (there.order, there.side) != (said.order, said.side):
+            problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
+            cure = f"Give --coordinates {self.found}, or --no-probe if the declaration is right"
+            raise InvalidInputError("--coordinates", problem, cure)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return {**asdict(self), "sentence": self.sentence}
+
+
+def probe_model(
+    model: Model,
+    file: Path,
+    *,
+    declared: Coordinates | None = None,
+    eyes: Eyes = Eyes.NATIVE,
+    targets: Sequence[Target] = TARGETS,
+    at_once: int = 4,
+    on_progress: OnCount | None = None,
+) -> Finding:
+    """Ask a model for the places of known shapes, and return the convention of its answers.
+
+    Args:
+        model: The model.
+        file: File of its answers, which is resumed.
+        declared: Convention that the requests ask for, as in a run; by default they ask for none.
+        eyes: Resolution of the pictures.
+        targets: The pictures.
+        at_once: Number of simultaneous requests.
+        on_progress: Called with the number of answers and requests.
+
+    Raises:
+        ModelError: If the model cannot be reached; earlier answers are kept.
+        RunConflictError: If the file contains other data.
+    """
+    requests = {str(i): request_for(target, declared, eyes) for i, target in enumerate(targets)}
+    head = AnswersHead(model.name, f"probe-{declared}-{eyes.value}-{len(targets)}", declared or "pixels")
+    answers = ask_all(requests, model, head, file, at_once=at_once, verb="vlm", on_progress=on_progress)
+    texts = [answers.answers[name].text for name in requests]
+    return finding_of(model.name, texts, targets, declared=declared, eyes=eyes)
+
+
+def finding_of(
+    model: str,
+    texts: Sequence[str],
+    targets: Sequence[Target] = TARGETS,
+    *,
+    declared: Coordinates | None = None,
+    eyes: Eyes = Eyes.NATIVE,
+) -> Finding:
+    """Return the convention of a model's answers, one text per picture."""
+    read = [(target, numbers) for target, text in zip(targets, texts, strict=True) if (numbers := _numbers(text))]
+    fits = tuple(
+        sorted(
+            (_fit(read, order, side, eyes) for order, side in product(get_args(Order), _SCALES)),
+            key=lambda fit: (-fit.fitting, fit.error),
+        )
+    )
+    open_finding = Finding(model, declared, len(read), len(targets), fits, None)
+    if len(read) < _FEWEST or len(open_finding.fitting) != 1:
+        return open_finding
+    return Finding(model, declared, len(read), len(targets), fits, _convention(open_finding.fitting[0], texts))
+
+
+def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes = Eyes.NATIVE) -> Request:
+    """Return the request for the place of a target's shape, in a declared convention or in the model's own."""
+    shown = shown_picture(target.picture(), eyes)
+    asked = "the coordinates of the center" if target.shape == "disk" else "the bounding box"
+    prompt = f"Give {asked} of the {target.color} {target.shape} in the image."
+    if declared is not None:
+        spec = AnswerSpec(target.form, (), *target.size, convention_for(eyes, CONVENTIONS[declared]))
+        prompt = f"{prompt}\n{answer_line(spec)}"
+    return Request(prompt, lambda: (shown.data,))
+
+
+def _numbers(text: str) -> list[Fraction]:
+    """Return the numbers of the last point or box in a text as they are written, or an empty list."""
+    value = read_text(AnswerSpec(Form.POINTS, convention=CONVENTIONS["pixels"]), text).answer
+    return list(exact_groups(value)[-1]) if value else []
+
+
+def _fit(read: Sequence[tuple[Target, list[Fraction]]], order: Order, side: int | None, eyes: Eyes) -> Fit:
+    errors = []
+    for target, numbers in read:
+        square = convention_for(eyes, CONVENTIONS["pixels"]).side
+        shown = target.size if square is None else (square, square)
+        errors.append(target.error(numbers, order, shown if side is None else (side, side)))
+    return Fit(order, _SCALES[side], sum(e <= TOLERANCE for e in errors), median(errors) if errors else float("inf"))
+
+
+def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
+    """Return the convention with an order and scale whose written form is the most frequent in the answers."""
+    side = next(number for number, name in _SCALES.items() if name == fit.scale)
+    known = [c for c in CONVENTIONS.values() if (c.order, c.side) == (fit.order, side)]
+    forms = [_written_form(text) for text in texts if _numbers(text)]
+    return max(known, key=lambda c: forms.count(c.form)).name if known else None
+
+
+def _written_form(text: str) -> str:
+    """Return the written form of coordinates in a text: "xml", "json" or "tuples"."""
+    return "xml" if "<point" in text.lower() else "json" if "{" in text else "tuples"

@@ -1,0 +1,5 @@
+"""Prompts as data, chosen by an identifier; see :data:`PROMPTS`."""
+
+from betterbench.vlm.prompts.prompt import PROMPTS, Prompt, find_prompt, prompts_of
+
+__all__ = ["PROMPTS", "Prompt", "find_prompt", "prompts_of"]

@@ -1,0 +1,118 @@
+"""A prompt as a template, and the packaged prompts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.json_form import read_form, strict_form
+from betterbench.vlm.items import Item
+from betterbench.vqa.asking import answer_line
+from betterbench.vqa.coordinates import CONVENTIONS, Convention, Coordinates
+from betterbench.vqa.llm.chat import PICTURE
+
+_FIELD = re.compile(r"\{(\w+)\}")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """A prompt.
+
+    Attributes:
+        id: Identifier, which a run stores.
+        benchmarks: Benchmarks that the prompt is for; the first listed prompt of a benchmark is its default.
+        template: Text with ``{question}``, ``{options}``, ``{request}`` (the required form of the answer), ``{frames}``
+            and the further words of an item.
+        source: Origin of the wording.
+        option: Form of one option, with ``{letter}`` and ``{text}``.
+        frame: Form of one picture's line, with ``{number}`` and ``<image>``.
+        coordinates: Convention that the wording asks for; None if it states none or ``{request}`` states it.
+    """
+
+    id: str
+    benchmarks: tuple[str, ...]
+    template: str
+    source: str
+    option: str = ""
+    frame: str = ""
+    coordinates: Coordinates | None = None
+
+    def text(self, item: Item, convention: Convention) -> str:
+        """Return the prompt for an item.
+
+        Words of the item are inserted as they are, without the mark of a picture.
+        """
+        letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
+        options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]
+        frames = [_filled(self.frame, {"number": str(i + 1)}) for i in range(len(item.pictures))]
+        words = {name: _plain(text) for name, text in item.words.items()}
+        words |= {"question": _plain(item.question), "request": answer_line(item.spec(convention))}
+        template = self.template if options else self.template.replace("{options}\n", "")
+        return _filled(template, words | {"options": "\n".join(options), "frames": "\n".join(frames)})
+
+    def convention(self, declared: Coordinates | None, usual: Coordinates | None) -> Coordinates:
+        """Return the convention of the answers.
+
+        Args:
+            declared: Convention that the user declared, if any.
+            usual: Convention that a prompt with ``{request}`` asks for otherwise; None without points and boxes.
+
+        Raises:
+            InvalidInputError: If the wording asks for another convention than the declared one, or for none while none
+                is declared.
+        """
+        if usual is None:
+            return declared or "pixels"
+        if self.coordinates is not None and declared not in (None, self.coordinates):
+            problem = f"the prompt {self.id} asks for {self.coordinates}, and {declared} is declared"
+            cure = f"Give --coordinates {self.coordinates}, or another --prompt"
+            raise InvalidInputError("--coordinates", problem, cure)
+        if declared is None and self.coordinates is None and "{request}" not in self.template:
+            problem = f"is missing, and the prompt {self.id} does not say in which form the model answers"
+            raise InvalidInputError("--coordinates", problem, f"Declare one of {', '.join(CONVENTIONS)}")
+        return declared or self.coordinates or usual
+
+
+def _plain(text: str) -> str:
+    return text.replace(PICTURE, "image")
+
+
+def _filled(template: str, words: Mapping[str, str]) -> str:
+    return _FIELD.sub(lambda found: words.get(found[1], ""), template)
+
+
+@lru_cache(maxsize=1)
+def _packaged() -> dict[str, Prompt]:
+    raw = resources.files(__package__ or "betterbench.vlm.prompts").joinpath("prompts.json").read_bytes()
+    prompts = read_form(TypeAdapter(list[Prompt]), raw, where="prompts.json", cure="Install betterbench again")
+    return {prompt.id: prompt for prompt in prompts}
+
+
+PROMPTS: Mapping[str, Prompt] = _packaged()
+"""All prompts by identifier."""
+
+
+def prompts_of(benchmark: str) -> tuple[Prompt, ...]:
+    """Return the prompts for a benchmark, the default first."""
+    return tuple(prompt for prompt in PROMPTS.values() if benchmark in prompt.benchmarks)
+
+
+def find_prompt(benchmark: str, identifier: str | None) -> Prompt:
+    """Return a prompt for a benchmark, or its default.
+
+    Raises:
+        UnknownNameError: If the benchmark has no prompt with this identifier.
+    """
+    known = {prompt.id: prompt for prompt in prompts_of(benchmark)}
+    if identifier is None:
+        return next(iter(known.values()))
+    if identifier not in known:
+        raise UnknownNameError(f"prompt of {benchmark}", identifier, known)
+    return known[identifier]

@@ -1,0 +1,282 @@
+"""A resumable run of a model over a static benchmark.
+
+A run folder holds ``run.json`` (what is asked, of which model, with which prompt and convention; written first),
+``shown.png`` (a picture at each resolution), ``probe.jsonl`` (answers of the probe of coordinates), ``answers.jsonl``
+(one synced line per answer), ``extracted.jsonl`` (replies of the extractor), and at the end ``items.jsonl`` (value,
+stage and score of each item) and ``result.json``.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from betterbench.errors import RecordError
+from betterbench.jobs import OnCount, job_folder, write_durably
+from betterbench.jobs.conflict import require_free, require_same
+from betterbench.jobs.durable import on_disk
+from betterbench.json_form import dump_json, open_seal, read_bounded, sealed_form, sealed_lines
+from betterbench.quoting import json_line
+from betterbench.version import __version__
+from betterbench.vlm.benchmarks.benchmark import Benchmark
+from betterbench.vlm.items import ItemSet
+from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
+from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
+from betterbench.vlm.probe import TARGETS, probe_model
+from betterbench.vlm.prompts import Prompt
+from betterbench.vlm.scoring import StaticScore, score_answers
+from betterbench.vqa.asking import Answers, AnswersHead, Request, ask_all
+from betterbench.vqa.coordinates import CONVENTIONS, Convention, Coordinates
+from betterbench.vqa.llm import Model
+from betterbench.vqa.parsing import read_text
+from betterbench.vqa.parsing.extractor import extraction_prompt
+from betterbench.vqa.question import Form
+
+logger = logging.getLogger(__name__)
+
+SCHEMA_VERSION = 1
+KIND = "static evaluation"
+"""Kind of run in ``run.json``."""
+RUN_NAME, ANSWERS_NAME, EXTRACTED_NAME = "run.json", "answers.jsonl", "extracted.jsonl"
+ITEMS_NAME, RESULT_NAME, SHOWN_NAME = "items.jsonl", "result.json", "shown.png"
+PROBE_NAME = "probe.jsonl"
+PLACES = (Form.POINT, Form.POINTS, Form.BOX)
+_MAX_BYTES = 1 << 24
+_CURE = "Choose another folder with --out"
+_NOT_COMPARED = ("begun", "betterbench")
+
+Bar = Callable[[str, int], AbstractContextManager[OnCount]]
+"""Opens a progress bar with a title and a total."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """What a run asks.
+
+    Attributes:
+        prompt: The prompt.
+        coordinates: Declared convention of coordinates.
+        eyes: Resolution of the pictures.
+        most_tiles: Maximum number of tiles per picture; None for the model's own.
+        at_once: Number of simultaneous requests.
+        probe: Whether the declared convention is checked with ten pictures before a run with points or boxes.
+        official: Whether to add the scores of upstream programs.
+    """
+
+    prompt: Prompt
+    coordinates: Coordinates = "pixels"
+    eyes: Eyes = Eyes.NATIVE
+    most_tiles: int | None = None
+    at_once: int = 4
+    probe: bool = False
+    official: bool = False
+
+    @property
+    def convention(self) -> Convention:
+        """Convention of the answers, in the pictures as they are shown."""
+        return convention_for(self.eyes, CONVENTIONS[self.coordinates])
+
+
+@dataclass(frozen=True, slots=True)
+class StaticRun:
+    """A finished run.
+
+    Attributes:
+        head: Content of ``run.json``.
+        answers: Answers of the model.
+        extracted: Replies of the extractor; None without one.
+        score: Scores.
+        upstream: Scores of upstream programs, if requested.
+        refused: Number of rejected requests.
+    """
+
+    path: Path
+    head: Mapping[str, Any]
+    answers: Answers
+    extracted: Answers | None
+    score: StaticScore
+    upstream: tuple[UpstreamScore, ...]
+    refused: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict without the items."""
+        return {
+            **self.head,
+            "refused": self.refused,
+            **self.score.to_json(),
+            "upstream": [found.to_json() for found in self.upstream],
+        }
+
+
+def evaluate_model(
+    benchmark: Benchmark,
+    items: ItemSet,
+    model: Model,
+    out: Path,
+    settings: RunSettings,
+    *,
+    extractor: Model | None = None,
+    bar: Bar | None = None,
+) -> StaticRun:
+    """Ask a model all items of a benchmark, score its answers and write the run; repeat the call to resume it.
+
+    Args:
+        benchmark: The benchmark.
+        items: Its items.
+        model: The model.
+        out: Run folder.
+        settings: Prompt, convention and number of simultaneous requests.
+        extractor: Model that copies answers out of texts that the parser cannot read.
+        bar: Opens a progress bar.
+
+    Raises:
+        InvalidInputError: If the prompt asks for another convention, the model answers in another one, or a picture
+            cannot be read.
+        ModelError: If the model cannot be reached; earlier answers are kept.
+        RunConflictError: If the folder contains another run or other files, or another process writes to it.
+        StorageError: If the disk is full or protected.
+    """
+    settings.prompt.convention(settings.coordinates, benchmark.coordinates)
+    out, bar = out.absolute(), bar or (lambda _what, _total: nullcontext(lambda _done, _planned: None))
+    require_free(out, "run", file=RUN_NAME)
+    with on_disk(out), job_folder(out):
+        head = _begin(out, _head(benchmark, items, model, settings, extractor))
+        _show(items, out)
+        _check_convention(items, model, out, settings, bar)
+        answers = _asked(items, model, out, settings, bar)
+        texts = {name: answer.text for name, answer in answers.answers.items()}
+        extracted = None if extractor is None else _extracted(items, extractor, texts, out, settings=settings, bar=bar)
+        told = {} if extracted is None else {name: a.text for name, a in extracted.answers.items()}
+        score = score_answers(benchmark, items, texts, settings.convention, extractions=told)
+        scorers = UPSTREAM.get(benchmark.name, ()) if settings.official else ()
+        upstream = tuple(upstream_scores(scorers, items, texts, score, settings.coordinates))
+        refused = sum(answer.error is not None for answer in answers.answers.values())
+        run = StaticRun(out, head, answers, extracted, score, upstream, refused)
+        _write(run, items)
+        return run
+
+
+def _head(
+    benchmark: Benchmark, items: ItemSet, model: Model, settings: RunSettings, extractor: Model | None
+) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "benchmark": benchmark.name,
+        "data": items.sha256,
+        "n": len(items.items),
+        "model": model.name,
+        "prompt": settings.prompt.id,
+        "template": settings.prompt.template,
+        "coordinates": settings.coordinates,
+        "eyes": settings.eyes.value,
+        "max_tiles": settings.most_tiles,
+        "extractor": None if extractor is None else extractor.name,
+        "betterbench": __version__,
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
+    """Write the head of a new run, or return the stored head of the same run.
+
+    A run without an extractor may be resumed with one, which reads its remaining answers.
+    """
+    file = out / RUN_NAME
+    if file.exists():
+        raw = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+        stored = open_seal(raw, where=str(file), cure=_CURE, raises=RecordError)
+        if stored.get("extractor") is None:
+            stored = {**stored, "extractor": head["extractor"]}
+        there, asked = ({k: v for k, v in of.items() if k not in _NOT_COMPARED} for of in (stored, head))
+        require_same(out, there, asked, "run", where="run")
+        head = stored
+    write_durably(file, json.dumps(sealed_form(head), indent=1).encode() + b"\n")
+    return head
+
+
+def _show(items: ItemSet, out: Path) -> None:
+    """Write a picture of what a model is shown at each resolution, from the first item with a picture."""
+    name = next((item.pictures[-1] for item in items.items if item.pictures), None)
+    if name is None or (out / SHOWN_NAME).exists():
+        return
+    try:
+        sheet = contact_sheet(items.read(name))
+    except OSError:
+        return  # the request about this picture says what is wrong with it
+    write_durably(out / SHOWN_NAME, sheet)
+
+
+def _check_convention(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> None:
+    """Raise InvalidInputError if the model answers pictures with known places in another convention."""
+    if not settings.probe or all(item.form not in PLACES for item in items.items):
+        return
+    with bar("checking the coordinates", len(TARGETS)) as on_progress:
+        finding = probe_model(
+            model,
+            out / PROBE_NAME,
+            declared=settings.coordinates,
+            eyes=settings.eyes,
+            at_once=settings.at_once,
+            on_progress=on_progress,
+        )
+    finding.require(settings.coordinates)
+    if not finding.found:
+        logger.warning("%s Points and boxes are read as %s.", finding.sentence, settings.coordinates)
+
+
+def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> Answers:
+    requests = {
+        item.id: items.request(item, settings.prompt.text(item, settings.convention), settings.eyes)
+        for item in items.items
+    }
+    head = AnswersHead(model.name, items.sha256, settings.coordinates)
+    with bar(f"asking {model.name}", len(requests)) as on_progress:
+        return ask_all(
+            requests, model, head, out / ANSWERS_NAME, at_once=settings.at_once, verb="vlm", on_progress=on_progress
+        )
+
+
+def _extracted(
+    items: ItemSet, extractor: Model, texts: Mapping[str, str], out: Path, *, settings: RunSettings, bar: Bar
+) -> Answers:
+    """Ask the extractor about the answers that the parser cannot read."""
+    convention = settings.convention
+    requests: dict[str, Request] = {}
+    for item in items.items:
+        text, spec = texts.get(item.id, ""), item.spec(convention)
+        if text.strip() and read_text(spec, text).answer is None:
+            requests[item.id] = Request(extraction_prompt(spec, text))
+    head = AnswersHead(extractor.name, items.sha256, settings.coordinates)
+    with bar(f"extracting with {extractor.name}", len(requests)) as on_progress:
+        return ask_all(
+            requests,
+            extractor,
+            head,
+            out / EXTRACTED_NAME,
+            at_once=settings.at_once,
+            verb="vlm",
+            on_progress=on_progress,
+        )
+
+
+def _write(run: StaticRun, items: ItemSet) -> None:
+    lines = []
+    for item, score in zip(items.items, run.score.items, strict=True):
+        line = asdict(score) | {"score": _shown(score.score), "groups": dict(item.groups), "cluster": item.cluster}
+        lines.append(json_line(dump_json(line)))
+    write_durably(run.path / ITEMS_NAME, sealed_lines(b"".join(lines)))
+    form = sealed_form(json.loads(dump_json(run.to_json())))
+    write_durably(run.path / RESULT_NAME, json.dumps(form, indent=1).encode() + b"\n")
+
+
+def _shown(score: Fraction) -> str:
+    """Return an exact score as text, "0", "1" or "2/3"."""
+    return str(score)

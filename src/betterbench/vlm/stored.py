@@ -1,0 +1,116 @@
+"""Finished runs, read from their folders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import open_form, open_seal, open_sealed_lines, read_bounded, read_form
+from betterbench.vlm.benchmarks import Benchmark, find_benchmark
+from betterbench.vlm.running import ITEMS_NAME, KIND, RESULT_NAME, RUN_NAME
+from betterbench.vlm.scoring import COLUMNS
+from betterbench.vqa.parsing import Stage
+
+_MAX_BYTES = 1 << 28
+_CURE = "Run better vlm again with the same --out; answered items are not asked again"
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class StoredItem:
+    """Score of an item, as a run folder stores it.
+
+    Attributes:
+        score: Exact score with the value, as "0", "1" or "2/3".
+        stage: Stage that produced the value.
+        groups: Name of the item's group by kind of group.
+        cluster: Items with the same cluster share a scene, picture or video.
+    """
+
+    id: str
+    score: str
+    stage: Stage
+    groups: dict[str, str]
+    cluster: str
+
+    def score_in(self, column: str) -> Fraction:
+        """Return the score in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""
+        counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
+        return Fraction(self.score) if counted is None or self.stage in counted else Fraction(0)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A finished run.
+
+    Attributes:
+        head: Settings of the run, from ``run.json``.
+        items: Scores by item, in the order of the data.
+        headline: Number of the benchmark by column, as a fraction.
+    """
+
+    path: Path
+    head: Mapping[str, Any]
+    items: Mapping[str, StoredItem]
+    headline: Mapping[str, float]
+
+    @property
+    def benchmark(self) -> Benchmark:
+        """The benchmark."""
+        return find_benchmark(str(self.head["benchmark"]))
+
+    def counted(self) -> tuple[StoredItem, ...]:
+        """Return the items that the number of the benchmark uses."""
+        rule = self.benchmark.headline
+        if rule.rule == "micro":
+            return tuple(self.items.values())
+        return tuple(i for i in self.items.values() if not rule.among or i.groups.get(rule.over) in rule.among)
+
+
+_ITEM = TypeAdapter(StoredItem)
+
+
+def is_static_run(path: Path) -> bool:
+    """Return whether a folder is a run of ``better vlm``."""
+    file = path / RUN_NAME
+    if not file.is_file():
+        return False
+    try:
+        head = open_seal(read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE), where=str(file), cure=_CURE)
+    except InvalidInputError:
+        return False
+    return head.get("kind") == KIND
+
+
+def read_static_run(path: Path) -> StoredRun:
+    """Read a finished run.
+
+    Raises:
+        RecordError: If the run is not finished, or a file was changed or cannot be read.
+    """
+    file = path / RESULT_NAME
+    if not file.is_file():
+        raise RecordError(f"{path}: this run is not finished. {_CURE}.")
+    result = open_seal(_bytes(file), where=str(file), cure=_CURE, raises=RecordError)
+    where = path / ITEMS_NAME
+    items: dict[str, StoredItem] = {}
+    lines = open_sealed_lines(_bytes(where), where=str(where), cure=_CURE, raises=RecordError)
+    for number, line in enumerate(lines, start=1):
+        item = read_form(_ITEM, line, where=f"{where}, line {number}", cure=_CURE, raises=RecordError)
+        items[item.id] = item
+    try:
+        headline = {column: float(result["headline"][column]) for column in COLUMNS}
+        head = {name: result[name] for name in ("benchmark", "data", "model", "prompt", "coordinates")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordError(f"{file}: has no {error}. {_CURE}.") from error
+    return StoredRun(path, {**result, **head}, items, headline)
+
+
+def _bytes(file: Path) -> bytes:
+    return read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)

@@ -1,0 +1,43 @@
+"""Frames of videos by their number."""
+
+from __future__ import annotations
+
+import io
+from functools import lru_cache
+from pathlib import Path
+
+import av
+from PIL import Image
+
+from betterbench.errors import InvalidInputError, one_line
+
+
+@lru_cache(maxsize=4)
+def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
+    """Return frames of a video (PNG), in the order of their numbers.
+
+    The video is decoded from its start, so that the numbers are exact. A number beyond the end gives the last frame.
+
+    Raises:
+        InvalidInputError: If the video cannot be decoded or is empty.
+    """
+    found, last = dict[int, bytes](), None
+    try:
+        with av.open(str(video)) as container:
+            for number, frame in enumerate(container.decode(video=0)):
+                last = frame
+                if number in numbers:
+                    found[number] = _png(frame)
+                if number >= max(numbers):
+                    break
+        if last is None:
+            raise InvalidInputError(str(video), "has no frames", "Download it again")
+        return tuple(found[n] if n in found else _png(last) for n in numbers)
+    except (OSError, av.FFmpegError, IndexError) as error:
+        raise InvalidInputError(str(video), f"cannot be decoded ({one_line(error)})", "Download it again") from error
+
+
+def _png(frame: av.VideoFrame) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(frame.to_ndarray(format="rgb24")).save(buffer, "PNG")
+    return buffer.getvalue()

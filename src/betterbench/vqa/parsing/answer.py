@@ -1,0 +1,73 @@
+"""What an answer may look like, what was read, and the part of a text that holds the answer."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from betterbench.vqa.coordinates import CONVENTIONS, Convention
+from betterbench.vqa.question import Form
+
+Stage = Literal["strict", "tolerant", "extractor", "none"]
+"""Stage that produced a value."""
+
+LONGEST = 20_000
+"""Number of characters at the end of a text that are read. Answers come last, after the reasoning."""
+
+_THINKING = re.compile(r"<(/?)(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerSpec:
+    """Form of an answer.
+
+    Attributes:
+        options: Options of a choice, in letter order.
+        width: Columns of the image, for boxes and points [pixel].
+        height: Rows of the image, for boxes and points [pixel].
+        convention: Convention of coordinates that the user declared.
+    """
+
+    form: Form
+    options: tuple[str, ...] = ()
+    width: int = 0
+    height: int = 0
+    convention: Convention = CONVENTIONS["pixels"]
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """Answer read from a text.
+
+    Attributes:
+        answer: The value, or None. A choice gives the letter; yes or no "Yes" or "No"; a number its digits; a box or
+            point "[...]" and points "[[...], ...]" in pixels, column before row.
+        stage: Stage that produced the value.
+    """
+
+    answer: str | None
+    stage: Stage
+
+    def at(self, stage: Stage) -> Read:
+        """Return the same value with another stage; no value stays "none"."""
+        return self if self.answer is None else replace(self, stage=stage)
+
+
+NOTHING = Read(None, "none")
+
+
+def final_text(text: str) -> str:
+    """Return the part of a text that holds the answer: without thinking tags, and at most its last part.
+
+    A text that ends inside its thinking, because its tokens were used up, holds no answer.
+    """
+    kept, start, inside = list[str](), 0, False
+    for tag in _THINKING.finditer(text):
+        if tag[1]:  # the opening tag may be part of the prompt
+            kept = kept if inside else []
+        elif not inside:
+            kept.append(text[start : tag.start()])
+        inside, start = not tag[1], tag.end()
+    text = " ".join(kept if inside else [*kept, text[start:]])
+    return text[-LONGEST:].strip()

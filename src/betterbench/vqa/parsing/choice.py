@@ -1,0 +1,114 @@
+"""Letters and words of options."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+from betterbench.json_form import parse_json
+from betterbench.vqa.parsing.answer import NOTHING, Read
+
+_CLAIM_WORDS = (
+    "answer|option|choice|antwort|respuesta|opción|réponse|risposta|resposta|ответ|вариант|答案|选项|答え|回答|정답|답"
+)
+CLAIM = rf"(?:{_CLAIM_WORDS})s?(?:\s+(?:is|are|ist|es|est|è|é|would\s+be|should\s+be)|是|为|は|은|는)?"
+"""Pattern of the words that announce an answer, in the languages that models fall into."""
+
+_CLAIMED = re.compile(rf"(?i:{CLAIM})[\s:：=\-]*(?i:option\s+)?[\"'`*(\[\\{{]*([A-Z])(?![A-Za-z0-9'’])")
+_NEXT_LETTER = re.compile(r"[)\]*.:,\s]*(?:,|/|or|and|&|oder|und|ou|o|y|et|或|和)\s*[(\[*]*([A-Z])(?![A-Za-z0-9'’])")
+_MARKED = re.compile(r"\(([A-Z])\)|\*\*\(?([A-Z])[).:]?\*\*|(?m:^)\s*\(?([A-Z])[).:](?=\s|$)")
+_ALONE = re.compile(r"(?<![A-Za-z0-9'’])([A-Z])(?![A-Za-z0-9'’])")
+_ARTICLE = re.compile(r"\s+(?!(?:because|since|as|and|or|but|is|which|it|due|for|given|with|if|in)\b)[a-z]")
+_WRAPPED = (
+    re.compile(r"<answer>([^<]{0,2000})</answer>", re.IGNORECASE),
+    re.compile(r"\\boxed\{(?:\\text\{)?([^{}]{0,2000})\}"),
+)
+_FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
+
+
+def letters_of(options: tuple[str, ...]) -> dict[str, str]:
+    """Return the options by letter."""
+    return {chr(ord("A") + i): option for i, option in enumerate(options)}
+
+
+def read_choice(options: tuple[str, ...], text: str) -> Read:
+    """Return the letter of the option that a text names."""
+    text, letters = unicodedata.normalize("NFKC", text), letters_of(options)
+    found = _strict(letters, text)
+    if found is not None:
+        return found
+    for inside in _wrapped(text):
+        found = _strict(letters, inside)
+        if found is not None:
+            return found.at("tolerant")
+    answer = _claimed(letters, text)
+    return NOTHING if answer is None else Read(answer, "tolerant")
+
+
+def _strict(letters: dict[str, str], text: str) -> Read | None:
+    """Return the reading of a text that begins with a letter or is an option, or None if it is another text."""
+    text = text.strip()
+    first = re.match(r"\(?([A-Z])\s*(?:[).:]\s*(.*))?$", text, flags=re.DOTALL)
+    if first and first[1] in letters:
+        said, option = (first[2] or "").strip().rstrip(".").lower(), letters[first[1]]
+        if said in ("", option.lower().rstrip(".")):
+            return Read(first[1], "strict")
+        if any(said == other.lower().rstrip(".") for other in letters.values()):
+            return NOTHING  # the letter of one option with the words of another
+        return None
+    plain = text.rstrip(".").lower()
+    same = [letter for letter, option in letters.items() if plain == option.lower().rstrip(".")]
+    if same:
+        return Read(same[0], "strict") if len(same) == 1 else NOTHING
+    small = re.fullmatch(r"[(\[*]*([A-Za-z])[)\].:*]*", text)
+    if small and small[1].upper() in letters:
+        return Read(small[1].upper(), "tolerant")
+    return None
+
+
+def _wrapped(text: str) -> list[str]:
+    """Return the contents of the wrappers that mark a final answer, the last first."""
+    inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
+    for part in (text, *reversed(_FENCE.findall(text))):
+        if part.lstrip().startswith("{"):
+            try:
+                form = parse_json(part.strip())
+            except ValueError:
+                continue
+            inside += [str(v) for k, v in form.items() if str(k).lower() in ("answer", "option", "choice", "letter")]
+    return inside
+
+
+def _claimed(letters: dict[str, str], text: str) -> str | None:
+    """Return the letter that a sentence claims, or that is the only one in it, or whose words are the only ones."""
+    claims = [m for m in _CLAIMED.finditer(text) if m[1] in letters and not _is_article(text, m)]
+    if claims:
+        return None if _names_another(letters, text, claims[-1]) else claims[-1][1]
+    begun = re.match(r"\(?([A-Z])\s*[).:]", text)
+    if begun and begun[1] in letters and len({m for m in _marked(text) if m in letters}) == 1:
+        return begun[1]
+    marked = {m for m in _marked(text) if m in letters}
+    if len(marked) == 1:
+        return marked.pop()
+    alone = {m[1] for m in _ALONE.finditer(text) if m[1] in letters and not _is_article(text, m)}
+    plain = text.rstrip(".").lower()
+    inside = [k for k, o in letters.items() if re.search(rf"(?<!\w){re.escape(o.lower())}(?!\w)", plain)]
+    longest = [k for k in inside if not any(letters[k] != letters[o] and letters[k] in letters[o] for o in inside)]
+    if len(alone) == 1 and (not longest or longest == [*alone]):
+        return alone.pop()
+    return longest[0] if len(longest) == 1 and not alone else None
+
+
+def _marked(text: str) -> list[str]:
+    return [a or b or c for a, b, c in _MARKED.findall(text)]
+
+
+def _is_article(text: str, found: re.Match[str]) -> bool:
+    """Return whether an "A" is the article of the word that follows."""
+    return found[1] == "A" and _ARTICLE.match(text, found.end(1)) is not None
+
+
+def _names_another(letters: dict[str, str], text: str, claim: re.Match[str]) -> bool:
+    """Return whether another letter follows a claimed one ("The answer is A or B")."""
+    following = _NEXT_LETTER.match(text, claim.end(1))
+    return following is not None and following[1] in letters and following[1] != claim[1]

@@ -1,0 +1,186 @@
+"""Boxes and points in every written form, in the declared order and scale.
+
+The convention gives order and scale. Another written form than the declared one (a list instead of JSON, say) is read
+as "tolerant"; order and scale are never taken from it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+from betterbench.json_form import parse_json
+from betterbench.vqa.parsing.answer import NOTHING, AnswerSpec, Read
+from betterbench.vqa.parsing.choice import CLAIM
+from betterbench.vqa.question import Form
+
+_NUMBER = r"-?(?:\d{1,6}(?:\.\d{0,12})?|\.\d{1,12})"
+_NUMBERS = re.compile(rf"(?<![\w.]){_NUMBER}(?![\w])")
+_GROUP = re.compile(rf"[\[(]\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}})\s*,?\s*[\])]")
+_TUPLE = rf"[\[(]\s*{_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}}\s*[\])]"
+_LIST = re.compile(rf"\[\s*{_TUPLE}(?:\s*,\s*{_TUPLE})*\s*,?\s*\]")
+_BARE = re.compile(rf"{_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}}")
+_TAG = re.compile(r"<points?\b([^<>]{0,4000})>", re.IGNORECASE)
+_WHOLE_TAGS = re.compile(r"<points?\b[^<>]*>[^<>]*</points?>|<points?\b[^<>]*/?>", re.IGNORECASE)
+_ATTRIBUTE = re.compile(rf"\b([xy])(\d{{0,3}})\s*=\s*[\"']?\s*({_NUMBER})\s*[\"']?", re.IGNORECASE)
+_FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
+_KEYS = ("point_2d", "point", "points", "coordinates", "coordinate", "bbox_2d", "box_2d", "bbox", "box", "points_2d")
+_CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
+_CLAIMS_TRIED = 3
+MOST_POINTS = 10_000
+"""Maximum number of points that are read from one text."""
+
+Numbers = tuple[Fraction, ...]
+
+
+def read_points(spec: AnswerSpec, text: str) -> Read:
+    """Return the box, point or points of a text in pixels; see :class:`~betterbench.vqa.parsing.answer.Read`."""
+    text = " ".join(text.split())  # long white space makes patterns slow
+    groups, form = _whole(spec, text)
+    stage = "strict" if form == spec.convention.form else "tolerant"
+    if not groups:
+        groups, stage = _inside(spec, text), "tolerant"
+    if not groups:
+        return NOTHING
+    shown = [_shown(spec.convention.in_pixels(g, spec.width, spec.height)) for g in groups[:MOST_POINTS]]
+    answer = f"[{', '.join(shown)}]" if spec.form is Form.POINTS else shown[-1]
+    return Read(answer, "strict" if stage == "strict" else "tolerant")
+
+
+def numbers_of(answer: str) -> list[list[float]]:
+    """Return the numbers of each box or point of a :class:`Read` value."""
+    return [[float(v) for v in _NUMBERS.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
+
+
+def exact_groups(answer: str) -> list[list[Fraction]]:
+    """Return the numbers of each box or point of a :class:`Read` value, exactly as written there."""
+    return [[Fraction(v) for v in _NUMBERS.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
+
+
+def _shown(values: Sequence[Fraction]) -> str:
+    """Return numbers in brackets, with up to nine decimals and without exponents."""
+    return f"[{', '.join(f'{float(v):.9f}'.rstrip('0').rstrip('.') for v in values)}]"
+
+
+def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
+    """Return the groups whose length fits the form: pairs, or four edges; points may be given as boxes of pixels."""
+    lengths = {Form.BOX: (4,), Form.POINT: (2,)}.get(spec.form, (2, 4))
+    return [g for g in groups if len(g) in lengths]
+
+
+def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
+    """Return the groups of a text that is nothing but coordinates, and their written form."""
+    text = text.strip()
+    fence = _FENCE.fullmatch(text)
+    bare = (fence[1] if fence else text).strip()
+    if _BARE.fullmatch(bare) or _GROUP.fullmatch(bare) or _LIST.fullmatch(bare):
+        groups = [_split(m) for m in (_GROUP.findall(bare) or [bare])]
+        fitting = _fitting(spec, groups)
+        # One point in a list of one is the point; several points are no single point.
+        if len(fitting) == len(groups) and (spec.form is Form.POINTS or len(groups) == 1):
+            return fitting, "tuples"
+        return [], ""
+    tags = _TAG.findall(bare)
+    if tags and not _WHOLE_TAGS.sub("", bare).strip():
+        return _fitting(spec, _tagged(tags)), "xml"
+    found = _of_json(bare)
+    return _fitting(spec, found), "json"
+
+
+def _inside(spec: AnswerSpec, text: str) -> list[Numbers]:
+    """Return the groups of a text with other words: those after the last claim of an answer, else the last ones."""
+    parts = [text[m.end() :] for m in list(_CLAIM.finditer(text))[-_CLAIMS_TRIED:]]
+    for part in (*reversed(parts), text):
+        for groups in (_tagged(_TAG.findall(part)), _json_inside(part), _listed(part)):
+            fitting = _fitting(spec, groups)
+            if fitting:
+                return fitting if spec.form is Form.POINTS else fitting[-1:]
+    numbers = tuple(Fraction(v) for v in _NUMBERS.findall(text))
+    return _fitting(spec, [numbers]) if len(numbers) in (2, 4) else []
+
+
+def _listed(text: str) -> list[Numbers]:
+    """Return the groups of the last list of tuples, else all tuples."""
+    lists = _LIST.findall(text)
+    return [_split(m) for m in _GROUP.findall(lists[-1] if lists else text)]
+
+
+def _split(group: str) -> Numbers:
+    return tuple(Fraction(v) for v in re.findall(_NUMBER, group))
+
+
+def _tagged(tags: Sequence[str]) -> list[Numbers]:
+    """Return the points of XML tags: ``x="1" y="2"``, or ``x1="1" y1="2" x2=...``; y before x stays x before y."""
+    found: list[Numbers] = []
+    for tag in tags:
+        values = {(name.lower(), number): Fraction(value) for name, number, value in _ATTRIBUTE.findall(tag)}
+        found += [
+            (x, values["y", number]) for (name, number), x in values.items() if name == "x" and ("y", number) in values
+        ]
+    return found
+
+
+def _json_inside(text: str) -> list[Numbers]:
+    for part in (*reversed(_FENCE.findall(text)), *_brackets(text)):
+        groups = _of_json(part)
+        if groups:
+            return groups
+    return []
+
+
+def _brackets(text: str) -> list[str]:
+    """Return the parts of a text from the first bracket of each kind to the last, if they may be JSON objects."""
+    if "{" not in text:
+        return []
+    pairs = (("[", "]"), ("{", "}"))
+    return [text[text.find(a) : text.rfind(b) + 1] for a, b in pairs if -1 < text.find(a) < text.rfind(b)]
+
+
+def _of_json(text: str) -> list[Numbers]:
+    """Return the groups under known keys of JSON; broken JSON has none."""
+    text = re.sub(r",\s*([\]}])", r"\1", text.strip())
+    if "{" not in text:
+        return []
+    try:
+        form = parse_json(text, number=Fraction)
+    except (ValueError, ZeroDivisionError):
+        return []
+    found: list[Numbers] = []
+    _collect(form, found)
+    return found
+
+
+def _collect(form: Any, found: list[Numbers]) -> None:  # noqa: ANN401 - any JSON
+    if isinstance(form, list):
+        for inner in form:
+            _collect(inner, found)
+    elif isinstance(form, dict):
+        lower = {str(key).lower(): value for key, value in form.items()}
+        if _is_number(lower.get("x")) and _is_number(lower.get("y")):
+            found.append((lower["x"], lower["y"]))
+            return
+        for key in _KEYS:
+            if key in lower:
+                found += _groups_in(lower[key])
+                return
+        for value in form.values():
+            _collect(value, found)
+
+
+def _groups_in(value: Any) -> list[Numbers]:  # noqa: ANN401 - any JSON
+    if isinstance(value, list) and value and all(map(_is_number, value)):
+        return [tuple(value)]
+    groups: list[Numbers] = []
+    if isinstance(value, list | dict):
+        for inner in value if isinstance(value, list) else [value]:
+            if isinstance(inner, dict):
+                _collect(inner, groups)
+            else:
+                groups += _groups_in(inner)
+    return groups
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON
+    return isinstance(value, Fraction) and abs(value) < 10**6
