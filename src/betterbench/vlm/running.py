@@ -47,19 +47,21 @@ Bar = Callable[[str, int], AbstractContextManager[OnCount]]
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """What a run asks.
+    """How a run asks and scores.
 
     Attributes:
         prompt: The prompt.
         coordinates: Declared convention of coordinates.
         at_once: Number of simultaneous requests.
         official: Whether to add the scores of upstream programs.
+        max_tokens: Longest answer of the model [tokens], stored in the run; None if it has no limit.
     """
 
     prompt: Prompt
     coordinates: Coordinates = "pixels"
     at_once: int = 4
     official: bool = False
+    max_tokens: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +154,7 @@ def _head(
         "prompt": settings.prompt.id,
         "template": settings.prompt.template,
         "coordinates": settings.coordinates,
+        "max_tokens": settings.max_tokens,
         "extractor": None if extractor is None else extractor.name,
         "betterbench": __version__,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),

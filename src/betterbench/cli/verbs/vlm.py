@@ -91,7 +91,7 @@ def vlm_command(
         reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
     wording = find_prompt(chosen.name, prompt)
     convention = wording.convention(coordinates, chosen.coordinates)
-    settings = RunSettings(wording, convention, at_once, official=scoring == "official")
+    settings = RunSettings(wording, convention, at_once, scoring == "official", max_tokens)
     items = _items(chosen, data, questions, workers)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
     if json:
