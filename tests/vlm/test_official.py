@@ -89,6 +89,7 @@ def test_faults_that_score_a_wrong_answer_as_right():
         ("fractions", "[(.625, .375)]", 0, 1),
         ("fractions", "[[0.625, 0.375]]", 0, 1),
         ("fractions", "[(40, 18)]", 1, 0),  # integers are taken as pixels, whatever was asked for
+        ("fractions", "[(0.7484, 0.375)]", 1, 1),  # column 47.9 is in the last pixel of the region, 47
         ("fractions", "(0.625, 0.375), (0.1, 0.1)", Fraction(1, 2), Fraction(1, 2)),
         ("fractions", "[(0.5, 0.25, 0.75, 0.5)]", 1, 1),  # all pixels of a box
         ("percent-xml", '<points x1="62.5" y1="37.5">', 1, 1),

@@ -8,15 +8,18 @@ import subprocess
 import sys
 import threading
 from collections import Counter
+from typing import get_args
 
 import pytest
 from tests.vlm import published
 from tests.vlm.published import pictures_of, texts_of
 
 from betterbench.cli.main import main
+from betterbench.cli.verbs.vqa import CoordinateNames
 from betterbench.errors import ModelError, RunConflictError
 from betterbench.vlm import RunSettings, evaluate_model, find_benchmark
 from betterbench.vlm.prompts import find_prompt
+from betterbench.vqa.coordinates import CONVENTIONS, Coordinates
 from betterbench.vqa.llm import RefusedError
 
 CASES = [(name, form) for name, forms in published.FORMS.items() for form in forms]
@@ -179,6 +182,10 @@ def test_coordinates_in_a_wrong_convention_are_pointed_at(tmp_path, serve, capsy
     )
     assert "between 0 and 1" not in texts_of(server.asked[0])
     assert "from 0 to 1" in texts_of(server.asked[0])
+
+
+def test_the_command_line_knows_every_convention():
+    assert get_args(CoordinateNames) == get_args(Coordinates) == tuple(CONVENTIONS)
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ Bar = Callable[[str, int], AbstractContextManager[OnCount]]
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """What a run asks.
+    """How a run asks and scores.
 
     Attributes:
         prompt: The prompt.
@@ -68,6 +68,7 @@ class RunSettings:
         at_once: Number of simultaneous requests.
         probe: Whether the declared convention is checked with ten pictures before a run with points or boxes.
         official: Whether to add the scores of upstream programs.
+        max_tokens: Longest answer of the model [tokens], stored in the run; None if it has no limit.
     """
 
     prompt: Prompt
@@ -77,6 +78,7 @@ class RunSettings:
     at_once: int = 4
     probe: bool = False
     official: bool = False
+    max_tokens: int | None = None
 
     @property
     def convention(self) -> Convention:
@@ -178,6 +180,7 @@ def _head(
         "coordinates": settings.coordinates,
         "eyes": settings.eyes.value,
         "max_tiles": settings.most_tiles,
+        "max_tokens": settings.max_tokens,
         "extractor": None if extractor is None else extractor.name,
         "betterbench": __version__,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),

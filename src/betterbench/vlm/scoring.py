@@ -26,6 +26,8 @@ from betterbench.vqa.scoring import is_in_place
 COLUMNS = ("strict", "parsed", "extracted")
 """Columns of a score: values read strictly, by the parser, and by the parser or the extractor."""
 
+_LEVELS = {"easy": 1, "medium": 2, "hard": 3}
+
 
 @dataclass(frozen=True, slots=True)
 class ItemScore:
@@ -238,7 +240,7 @@ def _parts(benchmark: Benchmark, items: ItemSet, scores: Sequence[ItemScore]) ->
         for item, score in pairs:
             if kind in item.groups:
                 groups.setdefault(item.groups[kind], []).append((item, score))
-        for name in sorted(groups):
+        for name in sorted(groups, key=lambda name: (_LEVELS.get(name, 0), name)):
             yield _part(kind, name, groups[name], items)
 
 

@@ -117,7 +117,14 @@ def vlm_command(
     wording = find_prompt(chosen.name, prompt)
     convention = wording.convention(coordinates, chosen.coordinates)
     settings = RunSettings(
-        wording, convention, resolution, max_tiles, at_once, probe=probe, official=scoring == "official"
+        wording,
+        convention,
+        eyes=resolution,
+        most_tiles=max_tiles,
+        at_once=at_once,
+        probe=probe,
+        official=scoring == "official",
+        max_tokens=max_tokens,
     )
     asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
     items = _items(chosen, data, questions, workers)
