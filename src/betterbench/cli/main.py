@@ -95,7 +95,7 @@ VERBS: dict[str, Verb] = {
     "doctor": Verb("doctor:doctor_command", "Check what works on this machine, or try a policy."),
     "list": Verb("listing:list_command", "List suites, tasks, variations, policies or assets.", takes_suite=True),
     "assets": Verb("assets:assets_command", "Index, search and show assets, and list their licenses."),
-    "review": Verb("review:review_command", "Review imported meshes in the browser."),
+    "review": Verb("review:review_command", "Review imported meshes and scenes in the browser.", takes_suite=True),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from betterbench.errors import BetterError, one_line
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, from_axis_angle, multiply, normalize, rotate
 from betterbench.interface.state import Region
+from betterbench.jobs.decisions import now
 from betterbench.review.queue import QueuedObject
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.assets.authoring.draft import JAW_OPENS_ALONG_Y
@@ -39,7 +40,6 @@ from betterbench.sim.assets.importing.review import (
     changed,
 )
 from betterbench.sim.assets.importing.review.changes import Decision, said
-from betterbench.sim.assets.importing.review.journal import now
 from betterbench.sim.scenes.tryouts import Tryout, try_drop, try_lift
 
 Mode = Literal["pose", "support", "grasp", "frame"]

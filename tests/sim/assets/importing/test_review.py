@@ -22,6 +22,7 @@ from betterbench.sim.assets.asset import Grasp, VisualPart
 from betterbench.sim.assets.authoring.registry import unregister
 from betterbench.sim.assets.importing import child, imported
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
+from betterbench.jobs.decisions import now
 from betterbench.sim.assets.importing.review import (
     GraspChange,
     MassChange,
@@ -42,7 +43,7 @@ from betterbench.sim.assets.importing.review import (
     history_of,
     read_reviews,
 )
-from betterbench.sim.assets.importing.review.journal import accepted, now
+from betterbench.sim.assets.importing.review.journal import accepted
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 TILT = math.radians(30.0)
