@@ -114,6 +114,38 @@ def test_a_planted_fault_fails_its_check(planted, tub, good, fault, name):
     assert result.sentence.count(". ") >= 1, "a failed check says what to do"
 
 
+def test_a_grasp_states_its_width_and_fits_the_gripper(tub, good):
+    assert good.check("grasp_width").outcome == "passed"
+    assert good.check("grasp_width").measured == pytest.approx(6.0, abs=4.0)
+    (grasp,) = tub.grasps
+    across = dataclasses.replace(grasp, name="across", pose=grasp.pose.translated(x=-TUB[0] / 2 + 0.003), width_m=0.16)
+    for wrong, said in (
+        (dataclasses.replace(grasp, width_m=0.12), "120 mm, and the gripper opens 80 mm"),
+        (dataclasses.replace(grasp, pose=grasp.pose.translated(z=0.1)), "there is nothing between the pads"),
+        (across, "160 mm, and the gripper opens 80 mm"),
+    ):
+        result = run_check("grasp_width", Subject(dataclasses.replace(tub, grasps=(wrong,)), None))
+        assert result.outcome == "failed"
+        assert said in result.sentence
+    solid = asset_of(
+        Draft(
+            shape="box",
+            description="A block.",
+            tags=("block",),
+            mass_kg=0.1,
+            parts=tuple(block("b", (-0.03, -0.03, 0.0), (0.03, 0.03, 0.04), (0.2, 0.5, 0.8))),
+            grasps=(grip("body", 0.02, 0.02, across="x"),),
+            license="CC0-1.0",
+        ),
+        "block",
+        color="blue",
+    )
+    narrow = run_check("grasp_width", Subject(solid, None))
+    assert narrow.outcome == "failed"
+    assert "states 20 mm" in narrow.sentence
+    assert run_check("grasp_width", Subject(dataclasses.replace(tub, grasps=()), None)).outcome == "not_applicable"
+
+
 def test_a_lid_also_keeps_the_ball_out(planted, tub):
     lid = planted.ASSET_FAULTS["lid closed"](tub, np.random.default_rng(3))
     assert run_check("holds_ball", Subject(lid, None)).outcome == "failed"

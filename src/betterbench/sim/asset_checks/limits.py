@@ -66,6 +66,8 @@ CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
 # ---------------------------------------------------------------------------------------------------------------- lift
 PAYLOAD_KG = 2.27
 """Franka's 3 kg of payload (data sheet of the Emika Panda) minus the 0.73 kg of the hand."""
+GRASP_TOLERANCE_MM = 6.0
+"""Allowed excess of the measured over the stated opening: two cells of a 20 cm solid."""
 LEAST_THICK_M = 0.008
 """Flatter objects cannot be grasped from a table, because the pads touch the table first: 6 mm always failed, 10 mm
 always succeeded."""
