@@ -24,7 +24,6 @@ from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.kinds import kind_of
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools"
-MESHES = Path(__file__).resolve().parents[4] / "shared" / "meshes"
 TUB = (0.16, 0.11, 0.06)
 """Sides of the tub [m]."""
 
@@ -254,9 +253,9 @@ def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, mon
 
 
 @pytest.mark.slow
-def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, tmp_path):
+def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, meshes_if_here, tmp_path):
     out = tmp_path / "planted"
-    results = planted.measure(planted.make_plan(0, out, MESHES if MESHES.is_dir() else None, each=3), out, workers=2)
+    results = planted.measure(planted.make_plan(0, out, meshes_if_here, each=3), out, workers=2)
     rates = planted.print_table(results)
     assert sum(result.fault is not None for result in results) >= 60
     assert rates["false_accepts"] <= 0.01
@@ -265,10 +264,9 @@ def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not MESHES.is_dir(), reason="the folder of real meshes is not here")
-def test_real_meshes_pass_without_a_person(tmp_path):
+def test_real_meshes_pass_without_a_person(meshes, tmp_path):
     tool = _tool("real_meshes")
-    rates = tool.print_summary(tool.measure(tool.named_files(MESHES), tmp_path, workers=2))
+    rates = tool.print_summary(tool.measure(tool.named_files(meshes), tmp_path, workers=2))
     assert rates["imported"] == 1.0
     assert rates["passed"] >= 0.90
     assert rates["still"] >= 0.99

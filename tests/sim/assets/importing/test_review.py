@@ -17,12 +17,12 @@ from PIL import Image
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, from_axis_angle
 from betterbench.interface.state import Region
+from betterbench.jobs.decisions import now
 from betterbench.sim.assets import build
 from betterbench.sim.assets.asset import Grasp, VisualPart
 from betterbench.sim.assets.authoring.registry import unregister
 from betterbench.sim.assets.importing import child, imported
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
-from betterbench.jobs.decisions import now
 from betterbench.sim.assets.importing.review import (
     GraspChange,
     MassChange,
