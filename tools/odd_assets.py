@@ -37,7 +37,6 @@ OPEN = ("mug", "bowl", "glass", "lunchbox")
 ODD_VICTIMS: dict[str, Sequence[str]] = {
     "bar across the opening": OPEN,
     "handle without collision parts": ("mug",),
-    "no friction": GRASPED,
     "grasp wider than the gripper": GRASPED,
     "grasp narrower than the object": GRASPED,
     "grams as kilograms": ("mug", "can", "orange", "spoon", "bowl", "soap"),

@@ -321,8 +321,10 @@ def _handle_untouched(asset: Asset, rng: Rng) -> Asset:  # noqa: ARG001
     return replace(asset, collision=tuple(cut))
 
 
-def _slippery(asset: Asset, rng: Rng) -> Asset:  # noqa: ARG001
-    return replace(asset, collision=tuple(replace(part, friction=(0.0, 0.0, 0.0)) for part in asset.collision))
+def _wrong_friction(asset: Asset, rng: Rng) -> Asset:
+    """Make an object slide like ice, or stick."""
+    sliding = float(rng.choice([0.0, 0.01, 5.0, 50.0]))
+    return replace(asset, collision=tuple(replace(part, friction=(sliding, 0.0, 0.0)) for part in asset.collision))
 
 
 def _wide_grasp(asset: Asset, rng: Rng) -> Asset:
@@ -354,7 +356,7 @@ ODD_ASSET_FAULTS: dict[str, Callable[[Asset, Rng], Asset]] = {
     "negative inertia": _negative_inertia,
     "visible spike under the base": _visible_spike,
     "handle without collision parts": _handle_untouched,
-    "no friction": _slippery,
+    "wrong friction": _wrong_friction,
     "grasp wider than the gripper": _wide_grasp,
     "grasp narrower than the object": _narrow_grasp,
     "texture of another object": _wrong_picture,

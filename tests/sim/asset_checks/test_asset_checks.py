@@ -34,6 +34,22 @@ def _tool(name):
         return importlib.import_module(name)
 
 
+ODD = _tool("odd_shapes")
+ODD_CHECKS = {
+    "half of the faces inverted": "faces_outward",
+    "collision parts 2 cm aside": "collision_outside",
+    "bar across the opening": "holds_ball",
+    "grams as kilograms": "mass",
+    "kilograms as grams": "mass",
+    "inertia of a box, 100 times": "inertia",
+    "negative inertia": "inertia",
+    "visible spike under the base": "rest_depth",
+    "wrong friction": "friction",
+    "grasp wider than the gripper": "grasp_width",
+}
+NOT_OF_A_TUB = ("handle without collision parts", "grasp narrower than the object", "texture of another object")
+
+
 @pytest.fixture(scope="module")
 def planted():
     """The tool that plants faults."""
@@ -143,6 +159,24 @@ def test_a_grasp_states_its_width_and_fits_the_gripper(tub, good):
     assert narrow.outcome == "failed"
     assert "states 20 mm" in narrow.sentence
     assert run_check("grasp_width", Subject(dataclasses.replace(tub, grasps=()), None)).outcome == "not_applicable"
+
+
+@pytest.mark.parametrize("fault", [name for name in ODD.ODD_ASSET_FAULTS if name not in NOT_OF_A_TUB])
+def test_a_further_fault_fails_a_check(tub, fault):
+    check, kind = ODD_CHECKS[fault], kind_of("lunchbox")
+    bad = ODD.ODD_ASSET_FAULTS[fault](tub, np.random.default_rng(3))
+    assert run_check(check, Subject(tub, kind)).outcome == "passed"
+    assert run_check(check, Subject(bad, kind)).outcome == "failed"
+
+
+def test_a_box_that_leans_on_a_spike_does_not_stand(tub):
+    spike = np.array([[0.04, 0.03, -0.026], [0.045, 0.03, 0.003], [0.04, 0.035, 0.003], [0.036, 0.027, 0.003]])
+    part = dataclasses.replace(tub.collision[0], shape="hull", vertices=spike.astype(np.float32))
+    leaning = dataclasses.replace(tub, collision=(*tub.collision, part))
+    result = run_check("rest_tilt", Subject(leaning, kind_of("lunchbox")))
+    assert result.outcome == "failed", result
+    assert 5.0 < result.measured < 20.0
+    assert result.limit == 10.0
 
 
 def test_a_lid_also_keeps_the_ball_out(planted, tub):
