@@ -275,6 +275,7 @@ def test_tasks_and_conditions_are_queued_once():
         (["scenes", "x"], "Name tasks with --tasks"),
         (["scenes", "--tasks", "fruit_lunsh"], "Did you mean 'fruit_lunch'"),
         (["assets"], "Give it with --asset-dir"),
+        (["--tasks", "fruit_lunch"], "better review scenes --tasks TASK"),
         (["apply", "a.jsonl"], "no folder is given"),
         (["apply", "--out", "x"], "0 review files are given"),
         (["apply", "a.jsonl", "--out", "x"], "does not exist"),

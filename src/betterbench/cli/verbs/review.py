@@ -72,6 +72,9 @@ def review_command(
             raise InvalidInputError("review scenes", problem, "Name tasks with --tasks")
         _review_scenes(tasks, author, out or Path("scene_reviews.jsonl"), host=host, port=port)
         return
+    if tasks:
+        problem = "objects belong to no task"
+        raise InvalidInputError("--tasks, --suite", problem, "Review scenes: better review scenes --tasks TASK")
     _review_objects(given, author, out or Path("reviews.jsonl"), host=host, port=port)
 
 
