@@ -27,7 +27,7 @@ from betterbench.review.scenes.queue import condition_of, scene_queue
 from betterbench.review.scenes.writing import reviewed_form, reviewed_forms, write_reviewed_tasks
 from betterbench.sim.assets import build
 from betterbench.sim.assets.authoring.registry import moved_regions
-from betterbench.tasks import task_from_json
+from betterbench.tasks import task_from_json, user_files
 from betterbench.tasks.authoring.task_form import task_forms
 
 
@@ -283,6 +283,8 @@ def test_tasks_and_conditions_are_queued_once():
 )
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, monkeypatch, capsys, given, text):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(user_files, "_files", {})  # other tests load folders of assets
+    monkeypatch.delenv(user_files.VARIABLE, raising=False)
     assert main(["review", *given]) == 2
     assert text in " ".join(capsys.readouterr().err.split())
     assert list(tmp_path.iterdir()) == []
