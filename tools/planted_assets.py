@@ -237,7 +237,7 @@ def judge(item: Item, *, out: Path) -> Judged:
             asset = build(category, look=int(look))
         else:
             wishes = Wishes(**dict(item.wishes))  # type: ignore[arg-type]
-            asset = asset_of(_imported(out / item.file, wishes, out / "imports").draft, "planted", color="gray")
+            asset = asset_of(imported(out / item.file, wishes, out / "imports").draft, "planted", color="gray")
             mended = item.stage == "file" and _is_mended(item, asset)
     except BetterError as error:
         return Judged(item.id, item.fault, item.stage, item.origin, "refused", [str(error)], False, None)
@@ -250,7 +250,7 @@ def judge(item: Item, *, out: Path) -> Judged:
     return Judged(item.id, item.fault, item.stage, item.origin, outcome, failed, mended, still)
 
 
-def _imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
+def imported(file: Path, wishes: Wishes, kept: Path) -> Imported:
     """Import a file in this process, or use the result of an earlier item."""
     key = hashlib.sha256(f"{VERSION} {file} {wishes}".encode() + file.read_bytes()).hexdigest()[:24]
     stored = kept / f"{key}.npz"
@@ -305,7 +305,7 @@ def lies_still(asset: Asset, rng: Rng) -> bool:
     return most < 0.002 and turned < math.radians(2.0)
 
 
-class _Results(LineJournal):
+class Results(LineJournal):
     """The results of the items that were judged."""
 
     def _take_in(self, lines: list[bytes]) -> None:
@@ -319,7 +319,7 @@ class _Results(LineJournal):
 
 def measure(items: list[Item], out: Path, *, workers: int) -> list[Judged]:
     """Judge all items that an earlier command has not judged."""
-    with _Results(out / "journal.jsonl") as journal:
+    with Results(out / "journal.jsonl") as journal:
         run_items(
             items,
             is_done=lambda item: item.id in journal.found,

@@ -18,7 +18,7 @@ _KEY_NAMES = {
 _MATRICES = """(() => {
   const all = [...document.querySelectorAll('canvas')].map(c => c.getBoundingClientRect());
   const b = all.sort((a, b) => b.width * b.height - a.width * a.height)[0];
-  const c = __viserMutable.camera, r = __viserMutable.nodeRefFromName['/seen'];
+  const c = __viserMutable.camera, r = __viserMutable.nodeRefFromName['ROOT'];
   return [[b.left, b.top, b.width, b.height], c.projectionMatrix.elements, c.matrixWorldInverse.elements,
     r.matrixWorld.elements];
 })()"""
@@ -47,12 +47,22 @@ def write_leaning_mug(path: Path) -> None:
 class BrowserReviewer:
     """One page in one browser."""
 
-    def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 800, dpr: float = 0.5) -> None:
-        """Open the page and wait until the object is there."""
-        self.browser = browser
+    def __init__(
+        self,
+        browser: Any,
+        url: str,
+        *,
+        width: int = 1280,
+        height: int = 800,
+        dpr: float = 0.5,
+        root: str = "/seen",
+        gizmo: str = "/seen/frame",
+    ) -> None:
+        """Open the page and wait until the object or the scene is there."""
+        self.browser, self._root = browser, root
         browser.call("Network.enable")
         browser.open(f"{url}/?fixedDpr={dpr}", width, height)
-        self._until("!!(window.__viserMutable && __viserMutable.nodePoseData['/seen/frame'] && __viserMutable.camera)")
+        self._until(f"!!(window.__viserMutable && __viserMutable.nodePoseData['{gizmo}'] && __viserMutable.camera)")
         self._until("!!window.betterPage")
         self.wait_for("judged")
 
@@ -108,7 +118,7 @@ class BrowserReviewer:
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Return where points (n, 3) of the object frame [m] are on the page, (n, 2) [px]."""
-        (left, top, width, height), *matrices = self.browser.value(_MATRICES)
+        (left, top, width, height), *matrices = self.browser.value(_MATRICES.replace("ROOT", self._root))
         projection, view, root = (np.array(m).reshape(4, 4).T for m in matrices)
         x, y, _, w = projection @ view @ root @ np.vstack([points.T, np.ones(len(points))])
         return np.stack([left + 0.5 * width * (1.0 + x / w), top + 0.5 * height * (1.0 - y / w)], axis=1)
@@ -144,7 +154,7 @@ class BrowserReviewer:
         self.wait_for("moved — Enter keeps it")
         return approach
 
-    def wait_for(self, *texts: str, timeout_s: float = 120.0) -> str:
+    def wait_for(self, *texts: str, timeout_s: float = 300.0) -> str:
         """Wait until the page says one of some texts, and return all that it says."""
         until = time.monotonic() + timeout_s
         while time.monotonic() < until:
@@ -154,7 +164,7 @@ class BrowserReviewer:
             time.sleep(0.2)
         raise TimeoutError(f"the page does not say {texts}, but:\n{self.text()}")
 
-    def _until(self, expression: str, *, timeout_s: float = 120.0) -> None:
+    def _until(self, expression: str, *, timeout_s: float = 300.0) -> None:
         until = time.monotonic() + timeout_s
         while not self.browser.value(expression):
             if time.monotonic() > until:

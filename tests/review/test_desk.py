@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from dataclasses import replace
@@ -15,13 +16,17 @@ from betterbench.geometry import Pose, from_axis_angle
 from betterbench.review.agreement import agreement
 from betterbench.review.desk import ReviewDesk
 from betterbench.review.drawing import box_edges, foot, head, queue_list, ruler, turned_about_middle
-from betterbench.review.queue import QueuedObject, queue_of
+from betterbench.review.queue import QueuedObject, folder_queue, queue_of
 from betterbench.sim.assets.authoring.registry import asset_of, unregister
+from betterbench.sim.assets.folders.manifest import FolderAsset, manifest_bytes, manifest_of
+from betterbench.sim.assets.folders.reviewed import stored_asset, write_reviewed_folder
 from betterbench.sim.assets.importing import imported
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.registration import mesh_imports
 from betterbench.sim.assets.importing.review import ReviewJournal, ReviewState, read_reviews
+from betterbench.sim.assets.importing.stored import to_bytes
 from betterbench.sim.scenes.tryouts import try_drop, try_lift
+from betterbench.tasks.user_files import ASSET_MANIFEST
 
 
 @pytest.fixture(scope="module")
@@ -233,3 +238,61 @@ def test_what_a_task_file_imports_is_reviewed_with_its_options(block, tmp_path):
     finally:
         unregister("reviewed_block")
     assert mesh_imports() == ()
+
+
+# ---------------------------------------------------------------------------------------------------- asset folders
+
+
+@pytest.fixture
+def asset_folder(block, tmp_path):
+    """A folder with two imported assets."""
+    folder = tmp_path / "my_assets"
+    folder.mkdir()
+    listed = {}
+    for k, name in enumerate(("my_block", "my_brick")):
+        whole = to_bytes(replace(block[1], notes=(f"number {k}",)))
+        (folder / f"{name}.npz").write_bytes(whole)
+        listed[name] = FolderAsset(
+            file=f"{name}.npz",
+            sha256=hashlib.sha256(whole).hexdigest(),
+            color="gray",
+            size_m=(0.05, 0.04, 0.06),
+            mass_kg=0.1,
+            license="CC0-1.0",
+            source="block.stl",
+        )
+    (folder / ASSET_MANIFEST).write_bytes(manifest_bytes(listed))
+    return folder
+
+
+def test_the_assets_of_a_folder_are_reviewed_and_written_anew(asset_folder, tmp_path, capsys):
+    queue = folder_queue([asset_folder])
+    assert [item.name for item in queue] == ["my_block", "my_brick"]
+    reviews = tmp_path / "r.jsonl"
+    judge(reviews, queue[:1], "fix")
+    options = ["--asset-dir", str(asset_folder), "--out"]
+    assert main(["review", "apply", str(reviews), *options, str(tmp_path / "early")]) == 2
+    assert "my_brick: r.jsonl has no decision" in " ".join(capsys.readouterr().err.split())
+    judge(reviews, queue[1:], "reject")
+    for name in ("one", "two"):
+        assert main(["review", "apply", str(reviews), *options, str(tmp_path / name)]) == 0
+    assert "my_brick is left out: too heavy" in " ".join(capsys.readouterr().err.split())
+    files = [{p.name: p.read_bytes() for p in (tmp_path / n).iterdir() if p.suffix != ".lock"} for n in ("one", "two")]
+    assert files[0]["my_block.npz"] == files[1]["my_block.npz"]
+    assert files[0][ASSET_MANIFEST] == files[1][ASSET_MANIFEST]
+    (entry,) = manifest_of(tmp_path / "one").assets.values()
+    assert entry.mass_kg == 0.2
+    assert stored_asset(tmp_path / "one", "my_block").draft.mass_kg == 0.2
+    assert stored_asset(asset_folder, "my_block").draft.mass_kg == 0.1
+    with pytest.raises(InvalidInputError, match="Name another folder"):
+        write_reviewed_folder(asset_folder, asset_folder, {})
+    with pytest.raises(InvalidInputError, match="it has no asset 'my_blok'"):
+        stored_asset(asset_folder, "my_blok")
+
+
+def test_the_needed_opening_of_a_grasp_is_shown(desk):
+    desk.choose("grasp")
+    assert "needs an opening of" in foot(desk)
+    before = desk.grasp
+    desk.drag(before.pose.translated(z=0.2))
+    assert "there is nothing between the pads" in foot(desk)

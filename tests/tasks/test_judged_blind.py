@@ -44,6 +44,7 @@ BY_CHANCE = _scenes("judged_by_chance.txt")
 HARM = _scenes("judged_harm.txt")
 AGAIN = _scenes("judged_again.txt")
 THIRD = _scenes("judged_third.txt")
+FOURTH = _scenes("judged_fourth.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -147,6 +148,16 @@ def test_a_third_set_differs_only_where_the_judges_are_unsure():
         ("breakfast_table/train6", "spoon > plate"),  # reversed
         ("morning_coffee/train4", "blue_mug > coffee_machine"),  # 2 cm beside the ring's middle
     ]
+
+
+def test_a_fourth_set_near_the_borders_differs_in_one_scene_of_sure_judges():
+    """A spoon on its edge, which all three judges accept. Fourteen of 60 differ; half lie close to a border."""
+    disagreed = [scene for scene in FOURTH if accepts(scene) is not scene.accepted]
+    sure = [scene for scene in FOURTH if scene.kind.endswith(", sure")]
+    assert (len(FOURTH), len(sure)) == (60, 36)
+    assert len(disagreed) <= 14, disagreed
+    assert [(s.setting, s.pair) for s in disagreed if s in sure] == [("breakfast_table/R1", "spoon > plate")]
+    assert all(s.accepted for s in disagreed)  # the program accepted nothing that people do not
 
 
 POSTURES = {"face down": (2, 2), "reversed": (1, 10), "slanted by 51 to 88 degrees": (0, 5)}

@@ -109,7 +109,7 @@ VERBS: dict[str, Verb] = {
             "check": Verb("asset_check:check_command", "Certify assets."),
         },
     ),
-    "review": Verb("review:review_command", "Review imported meshes in the browser."),
+    "review": Verb("review:review_command", "Review imported meshes and scenes in the browser.", takes_suite=True),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),

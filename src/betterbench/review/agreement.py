@@ -1,15 +1,18 @@
-"""Agreement of two reviewers on the objects that both judged."""
+"""Agreement of two reviewers on the objects or scenes that both judged."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from betterbench.errors import InvalidInputError
-from betterbench.sim.assets.importing.review import Review, read_reviews
-from betterbench.sim.assets.importing.review.journal import histories
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs.decisions import histories
+from betterbench.jobs.line_journal import complete_lines
+from betterbench.review.scenes.changes import last_verdicts, read_scene_reviews
+from betterbench.sim.assets.importing.review import read_reviews
 from betterbench.statistics import AgreementTable
 
 VERDICTS = ("accept", "fix", "reject")
@@ -21,9 +24,11 @@ class ReviewAgreement:
 
     Attributes:
         all: Table over accept, fix and reject.
-        usable: Table over use (accept or fix) and reject. only_first, only_second: Numbers of objects that only one
-            reviewer judged; they are not in the tables.
-        apart: Names and verdicts of the objects on which the reviewers disagree, in first-review order.
+        usable: Table over use (accept or fix) and reject.
+        only_first: Number of objects or scenes that only the first reviewer judged; they are not in the tables.
+        only_second: The same for the second reviewer.
+        apart: Names and verdicts of those on which the reviewers disagree, in first-review order.
+        what: "objects" or "scenes".
     """
 
     all: AgreementTable
@@ -31,6 +36,7 @@ class ReviewAgreement:
     only_first: int
     only_second: int
     apart: tuple[tuple[str, str, str], ...]
+    what: str = "objects"
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
@@ -44,16 +50,21 @@ class ReviewAgreement:
 
 
 def agreement(first: Path, second: Path) -> ReviewAgreement:
-    """Return the agreement between two files written by ``better review``.
+    """Return the agreement between two files written by ``better review``, both of objects or both of scenes.
 
     Raises:
         RecordError: If a file is missing or was changed by hand.
-        InvalidInputError: If the files have no judged object in common.
+        InvalidInputError: If the files have no judged object or scene in common, or only one is of scenes.
     """
-    a, b = (_verdicts(read_reviews(path), str(path)) for path in (first, second))
+    kinds = [is_scene_review(path) for path in (first, second)]
+    what = "scenes" if kinds[0] else "objects"
+    if kinds[0] != kinds[1]:
+        problem = f"{first} is a review of {what}, and {second} is not"
+        raise InvalidInputError(f"{first}, {second}", problem, "Give two reviews of objects, or two of scenes")
+    a, b = (_verdicts(path, of_scenes=kinds[0]) for path in (first, second))
     both = [content for content in a if content in b]
     if not both:
-        problem = f"{len(a)} and {len(b)} objects have a verdict, and none is in both"
+        problem = f"{len(a)} and {len(b)} {what} have a verdict, and none is in both"
         raise InvalidInputError(f"{first}, {second}", problem, "Let both review the same files")
     pairs = [(a[content][1], b[content][1]) for content in both]
     used = [tuple("reject" if v == "reject" else "use" for v in pair) for pair in pairs]
@@ -63,14 +74,33 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
         len(a) - len(both),
         len(b) - len(both),
         tuple((a[content][0], x, y) for content, (x, y) in zip(both, pairs, strict=True) if x != y),
+        what,
     )
 
 
-def _verdicts(reviews: Sequence[Review], where: str) -> dict[str, tuple[str, str]]:
-    """Return the name and the verdict of each judged object, by content hash."""
+def is_scene_review(path: Path) -> bool:
+    """Return whether a file is a review of scenes, from its first line.
+
+    Raises:
+        RecordError: If the file is missing.
+    """
+    if not path.exists():
+        raise RecordError(f"{path}: does not exist. Name a file that better review has written.")
+    lines, _ = complete_lines(path)
+    with suppress(ValueError):
+        first = json.loads(lines[0]) if lines else {}
+        return isinstance(first, dict) and "scene" in first
+    return False
+
+
+def _verdicts(path: Path, *, of_scenes: bool) -> dict[tuple[str, str], tuple[str, str]]:
+    """Return the name and the verdict of each judged object or scene, by content hash and condition."""
+    if of_scenes:
+        return last_verdicts(read_scene_reviews(path), str(path))
+    reviews = read_reviews(path)
     names = {review.content: review.asset for review in reviews}
-    found = histories(reviews, where)
-    return {content: (names[content], h.verdict.verdict) for content, h in found.items() if h.verdict is not None}
+    found = histories(reviews, str(path))
+    return {(content, ""): (names[content], h.verdict.verdict) for content, h in found.items() if h.verdict is not None}
 
 
 def _form(table: AgreementTable) -> dict[str, Any]:

@@ -16,10 +16,12 @@ from pydantic import ValidationError
 from betterbench.errors import BetterError, one_line
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, from_axis_angle, multiply, normalize, rotate
 from betterbench.interface.state import Region
+from betterbench.jobs.decisions import now
 from betterbench.review.queue import QueuedObject
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.assets.authoring.draft import JAW_OPENS_ALONG_Y
 from betterbench.sim.assets.authoring.registry import asset_of
+from betterbench.sim.assets.importing.measures import visual_surface
 from betterbench.sim.assets.importing.review import (
     Change,
     GraspChange,
@@ -39,7 +41,7 @@ from betterbench.sim.assets.importing.review import (
     changed,
 )
 from betterbench.sim.assets.importing.review.changes import Decision, said
-from betterbench.sim.assets.importing.review.journal import now
+from betterbench.sim.assets.importing.solid import Solid, solid_of
 from betterbench.sim.scenes.tryouts import Tryout, try_drop, try_lift
 
 Mode = Literal["pose", "support", "grasp", "frame"]
@@ -76,6 +78,7 @@ class ReviewDesk:
     edit: Change | None = None
     message: str = ""
     is_problem: bool = False
+    _solid: tuple[ReviewState, Solid] | None = None
 
     @property
     def at_hand(self) -> QueuedObject:
@@ -102,6 +105,17 @@ class ReviewDesk:
         """The current object as an asset."""
         state = self.state
         return None if state is None else asset_of(state.imported.draft, "reviewed", color="gray")
+
+    @property
+    def solid(self) -> Solid | None:
+        """Cells of the current object."""
+        state = self.state
+        if state is None:
+            return None
+        if self._solid is None or self._solid[0] is not state:
+            asset = self.asset
+            self._solid = None if asset is None else (state, solid_of(*visual_surface(asset)))
+        return None if self._solid is None else self._solid[1]
 
     @property
     def grasp(self) -> Grasp | None:

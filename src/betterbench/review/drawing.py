@@ -10,7 +10,8 @@ from betterbench.geometry import Pose, Vector
 from betterbench.quoting import markup_text
 from betterbench.review.desk import ReviewDesk
 from betterbench.review.queue import QueuedObject
-from betterbench.sim.assets import Asset
+from betterbench.sim.asset_checks.opening import gripper_opening_m, needed_opening_m
+from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.assets.importing.review import Verdict
 from betterbench.sim.assets.importing.review.changes import said
 
@@ -147,10 +148,21 @@ def foot(desk: ReviewDesk) -> str:
 def _at_hand(desk: ReviewDesk) -> str:
     if desk.mode == "grasp":
         grasp = desk.grasp
-        return "no grasp" if grasp is None else f"grasp {markup_text(grasp.name)}, {1000 * grasp.width_m:.0f} mm wide"
+        return "no grasp" if grasp is None else f"grasp {markup_text(grasp.name)}, {_opening(desk, grasp)}"
     if desk.mode == "frame":
         return "no frame" if desk.region is None else f"frame {markup_text(desk.region.name)}"
     return "pose" if desk.mode == "pose" else "support plane"
+
+
+def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
+    """Return the stated width of a grasp, and the opening that the shape needs there."""
+    stated, jaw = f"{1000 * grasp.width_m:.0f} mm wide", gripper_opening_m()
+    solid = desk.solid
+    needed = None if solid is None else needed_opening_m(solid, grasp)
+    if needed is None:
+        return f"{stated}; there is nothing between the pads"
+    fits = "" if needed <= jaw else " — too wide"
+    return f"{stated}; needs an opening of {1000 * needed:.0f} of {1000 * jaw:.0f} mm{fits}"
 
 
 def _sign(decision: object) -> str:

@@ -1,11 +1,7 @@
-"""The page of a review: visual shape, collision shape, gripper, gizmos, and panel.
-
-Callbacks of the page only put commands into a queue; :meth:`ReviewPage.run` executes them in order.
-"""
+"""The page of a review of objects: visual shape, collision shape, gripper, gizmos, and panel."""
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Callable
@@ -13,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.browser.incoming import InputKind
-from betterbench.browser.keys import MARK, key_table, new_taps, read_keys, script_element
-from betterbench.browser.server import PageServer
-from betterbench.errors import BetterError
+from betterbench.browser.keys import key_table
 from betterbench.geometry import Pose, normalize
+from betterbench.review.command_page import WORKING, CommandPage
 from betterbench.review.desk import FINE_DEGREES, MODES, SIZE_STEP, TURN_DEGREES, Mode, ReviewDesk
 from betterbench.review.drawing import (
     HULL_COLORS,
@@ -41,14 +35,11 @@ from betterbench.sim.scenes.tryouts import (
 )
 
 TURN_GIZMO, FRAME_GIZMO = "/seen/turn", "/seen/frame"
-PANEL_PX, SIDE_PX = 380, 250
+SIDE_PX = 250
 EYE_M, LOOK_AT_M = (0.38, -0.06, 0.25), (0.0, 0.0, 0.085)
 """Initial position and target of the view [m]."""
 OPEN_M = 0.08
 """Opening of the gripper that is drawn for scale [m]."""
-MOST_WAITING = 200
-"""Most queued commands; a person does not send more."""
-
 TAP_KEYS: dict[str, str] = {
     "ArrowLeft": "previous",
     "ArrowRight": "next",
@@ -95,7 +86,7 @@ KEY_ROWS = (
 )
 
 
-class ReviewPage:
+class ReviewPage(CommandPage):
     """The page of one review."""
 
     def __init__(self, desk: ReviewDesk, *, host: str, port: int) -> None:
@@ -105,11 +96,8 @@ class ReviewPage:
             MissingDependencyError: If viser is not installed.
             InvalidInputError: If the port is taken.
         """
+        super().__init__(TAP_KEYS, host=host, port=port)
         self._desk = desk
-        self._commands: queue.Queue[tuple[str, Any]] = queue.Queue(MOST_WAITING)
-        self.server = PageServer(host=host, port=port, verb="better review", complain=self._complain)
-        self._viser = self.server.viser
-        self._taps: dict[int, dict[str, int]] = {}
         self._shown: tuple[object, ...] = ()
         self._nodes: list[Any] = []
         self._marks: list[Any] = []
@@ -122,22 +110,10 @@ class ReviewPage:
         self._build_scene()
         self._build_panel()
 
-    def run(self, stopped: threading.Event) -> None:
-        """Execute the commands of the page until the event is set."""
+    def begin(self) -> None:
+        """Show the first object without a verdict."""
         self._desk.open_first()
         self.show()
-        while not stopped.is_set():
-            try:
-                command, value = self._commands.get(timeout=0.1)
-            except queue.Empty:
-                continue
-            while command == "drag" and not self._commands.empty():  # only the newest pose of a drag is used
-                following, newest = self._commands.queue[0]
-                if following != "drag":
-                    break
-                self._commands.get_nowait()
-                value = newest
-            self.obey(command, value, stopped)
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
         """Execute a command, and show the result."""
@@ -148,7 +124,7 @@ class ReviewPage:
             self.show(is_dragging=not is_over)
             return
         if command in ("next", "previous", "accept", "reject", "keep", "drop test", "lift test"):
-            self._status.content = _WORKING  # import and computation of shapes take seconds
+            self._status.content = WORKING  # import and computation of shapes take seconds
         if command in ("drop test", "lift test"):
             tryout = self._desk.try_drop() if command == "drop test" else self._desk.try_lift()
         elif command == "complain":
@@ -194,15 +170,6 @@ class ReviewPage:
         if self._desk.journal.history(before.content).verdict is not None:
             self._reason.value = ""
 
-    def _put(self, command: str, value: Any = None) -> None:  # noqa: ANN401
-        try:
-            self._commands.put_nowait((command, value))
-        except queue.Full:
-            return
-
-    def _complain(self, problem: str) -> None:
-        self._put("complain", problem)
-
     # ---------------------------------------------------------------------------------------------------------- scene
 
     def _build_scene(self) -> None:
@@ -235,13 +202,6 @@ class ReviewPage:
             gizmo.on_update(self._dragged)
         for name, data in gripper_glbs().items():
             self._gripper[name] = scene.add_glb(f"/seen/gripper_{name}", data, cast_shadow=False)
-
-    async def _dragged(self, event: Any) -> None:  # noqa: ANN401 - viser's
-        at, turn = (np.asarray(v, dtype=float) for v in (event.target.position, event.target.wxyz))
-        if np.isfinite(at).all() and np.isfinite(turn).all() and np.linalg.norm(turn) > 0.5:
-            x, y, z = (round(v, 5) + 0.0 for v in at.tolist())
-            quaternion = normalize([round(v, 7) + 0.0 for v in turn.tolist()])
-            self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def show(self, *, is_dragging: bool = False) -> None:
         """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
@@ -428,13 +388,7 @@ class ReviewPage:
     # ---------------------------------------------------------------------------------------------------------- panel
 
     def _build_panel(self) -> None:
-        gui = self._viser.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
-        gui.set_panel_label("better review")
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(PANEL_PX)
-        camera = self._viser.initial_camera
-        camera.position, camera.look_at = EYE_M, LOOK_AT_M
+        gui = self._begin_panel(EYE_M, LOOK_AT_M)
         self._head = gui.add_html("")
         self._status = gui.add_html("")
         self._button("Accept  A", "accept", "green", "Accepts the object; a fix if something was changed.")
@@ -453,44 +407,7 @@ class ReviewPage:
             gui.add_html(key_table(KEY_ROWS))
         side.dock_left()
         side.set_width(SIDE_PX)
-        text = gui.add_text("", MARK + "{}")
-        text.on_update(self._typed)
-        self.server.expect(text, "text")
-        gui.add_html(script_element(taps=TAP_KEYS))
-
-    async def _typed(self, event: Any) -> None:  # noqa: ANN401
-        try:
-            sent = read_keys(str(event.target.value))
-        except BetterError as problem:
-            self._complain(str(problem))
-            return
-        known = self._taps.setdefault(int(event.client_id or 0), {})
-        for command in new_taps(sent, known, tuple(TAP_KEYS.values())):
-            self._put(command)
-
-    def _button(self, label: str, command: str, color: Any, hint: str) -> None:  # noqa: ANN401
-        button = self._viser.gui.add_button(label, color=color, hint=hint)
-
-        async def pressed(_: Any) -> None:  # noqa: ANN401
-            self._put(command)
-
-        button.on_click(pressed)
-        self.server.expect(button, "button")
-
-    def _input(self, element: Any, kind: InputKind, command: str | None) -> Any:  # noqa: ANN401
-        """Accept typed values of a field; with a command, each new value sends it."""
-        self.server.expect(element, kind)
-        if command is not None:
-
-            async def typed(event: Any) -> None:  # noqa: ANN401
-                if event.client_id is not None:  # typed by a person; None means that this program set the value
-                    self._put(command, event.target.value)
-
-            element.on_update(typed)
-        return element
-
-
-_WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div>'
+        self._listen()
 
 
 def _closer(pose: Pose, opened_m: float) -> Pose:

@@ -1,4 +1,4 @@
-"""The objects to review: mesh files, each imported when it is first shown."""
+"""The objects to review: mesh files, each imported when it is first shown, and assets of asset folders."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from betterbench.errors import BetterError, InvalidInputError
+from betterbench.sim.assets.folders.manifest import manifest_of
+from betterbench.sim.assets.folders.reviewed import stored_asset, write_reviewed_folder
 from betterbench.sim.assets.importing.child import import_safely
 from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.mesh_file import FORMATS
 from betterbench.sim.assets.importing.registration import MeshImport
-from betterbench.sim.assets.importing.review import History, ReviewState, changed, content_hash
+from betterbench.sim.assets.importing.review import Change, History, ReviewState, changed, content_hash, history_of
 from betterbench.sim.assets.importing.review.journal import asset_name
 
 MOST_FILES = 10_000
@@ -27,6 +29,7 @@ class QueuedObject:
         states: The object as imported, then after each active change; empty before the import.
         problem: Reason why the import failed, "" if it did not.
         wishes: Options of the import.
+        stored: Whether the file is an asset of an asset folder, imported earlier.
     """
 
     path: Path
@@ -34,11 +37,12 @@ class QueuedObject:
     states: list[ReviewState]
     problem: str = ""
     wishes: Wishes = field(default_factory=Wishes)
+    stored: bool = False
 
     @property
     def name(self) -> str:
         """Displayed name."""
-        return asset_name(self.path)
+        return self.path.stem if self.stored else asset_name(self.path)
 
     @property
     def state(self) -> ReviewState | None:
@@ -50,7 +54,10 @@ class QueuedObject:
         if self.states or self.problem:
             return
         try:
-            self.states = [ReviewState(import_safely(self.path, self.wishes))]
+            if self.stored:
+                self.states = [ReviewState(stored_asset(self.path.parent, self.path.stem))]
+            else:
+                self.states = [ReviewState(import_safely(self.path, self.wishes))]
             for change in history.changes:
                 self.states.append(changed(self.states[-1], change, where=self.name))
         except BetterError as error:
@@ -97,3 +104,42 @@ def queue_of(given: Sequence[Path], registered: Sequence[MeshImport] = ()) -> li
         content = content_hash(path)
         queue.setdefault(content, QueuedObject(path, content, [], wishes=wishes.get(path.resolve(), Wishes())))
     return list(queue.values())
+
+
+def folder_queue(folders: Sequence[Path]) -> list[QueuedObject]:
+    """Return the queue of the assets in asset folders.
+
+    Raises:
+        InvalidInputError: If a manifest cannot be read, or there is no asset.
+    """
+    queue: dict[str, QueuedObject] = {}
+    for folder in folders:
+        for asset in manifest_of(folder).assets.values():
+            queue.setdefault(asset.sha256, QueuedObject(folder / asset.file, asset.sha256, [], stored=True))
+    if not queue:
+        raise InvalidInputError("review assets", "the folders have no asset", "Import some: better assets import")
+    return list(queue.values())
+
+
+def apply_to_folder(reviews: Path, folder: Path, out: Path) -> tuple[list[str], dict[str, str]]:
+    """Write the accepted assets of a folder into a new folder, with the changes of a review.
+
+    Returns:
+        The names of the written assets, and the reason by the name of each rejected asset.
+
+    Raises:
+        RecordError: If the review cannot be read.
+        InvalidInputError: If an asset has no verdict.
+    """
+    changes: dict[str, Sequence[Change]] = {}
+    rejected: dict[str, str] = {}
+    for name, asset in manifest_of(folder).assets.items():
+        history = history_of(reviews, asset.sha256, name)
+        verdict = history.verdict
+        if verdict is None:
+            problem = f"it has {len(history.changes)} changes and no verdict"
+            raise InvalidInputError(name, problem, "Accept or reject it with better review assets --asset-dir")
+        if verdict.verdict == "reject":
+            rejected[name] = verdict.reason
+        changes[name] = history.changes
+    return write_reviewed_folder(folder, out, changes, rejected), rejected

@@ -24,7 +24,6 @@ from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.kinds import kind_of
 
 TOOLS = Path(__file__).resolve().parents[3] / "tools"
-MESHES = Path(__file__).resolve().parents[4] / "shared" / "meshes"
 TUB = (0.16, 0.11, 0.06)
 """Sides of the tub [m]."""
 
@@ -33,6 +32,22 @@ def _tool(name):
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(TOOLS))
         return importlib.import_module(name)
+
+
+ODD = _tool("odd_shapes")
+ODD_CHECKS = {
+    "half of the faces inverted": "faces_outward",
+    "collision parts 2 cm aside": "collision_outside",
+    "bar across the opening": "holds_ball",
+    "grams as kilograms": "mass",
+    "kilograms as grams": "mass",
+    "inertia of a box, 100 times": "inertia",
+    "negative inertia": "inertia",
+    "visible spike under the base": "rest_depth",
+    "wrong friction": "friction",
+    "grasp wider than the gripper": "grasp_width",
+}
+NOT_OF_A_TUB = ("handle without collision parts", "grasp narrower than the object", "texture of another object")
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +127,56 @@ def test_a_planted_fault_fails_its_check(planted, tub, good, fault, name):
     assert good.check(name).outcome == "passed"
     assert result.outcome == "failed", result
     assert result.sentence.count(". ") >= 1, "a failed check says what to do"
+
+
+def test_a_grasp_states_its_width_and_fits_the_gripper(tub, good):
+    assert good.check("grasp_width").outcome == "passed"
+    assert good.check("grasp_width").measured == pytest.approx(6.0, abs=4.0)
+    (grasp,) = tub.grasps
+    across = dataclasses.replace(grasp, name="across", pose=grasp.pose.translated(x=-TUB[0] / 2 + 0.003), width_m=0.16)
+    for wrong, said in (
+        (dataclasses.replace(grasp, width_m=0.12), "120 mm, and the gripper opens 80 mm"),
+        (dataclasses.replace(grasp, pose=grasp.pose.translated(z=0.1)), "there is nothing between the pads"),
+        (across, "160 mm, and the gripper opens 80 mm"),
+    ):
+        result = run_check("grasp_width", Subject(dataclasses.replace(tub, grasps=(wrong,)), None))
+        assert result.outcome == "failed"
+        assert said in result.sentence
+    solid = asset_of(
+        Draft(
+            shape="box",
+            description="A block.",
+            tags=("block",),
+            mass_kg=0.1,
+            parts=tuple(block("b", (-0.03, -0.03, 0.0), (0.03, 0.03, 0.04), (0.2, 0.5, 0.8))),
+            grasps=(grip("body", 0.02, 0.02, across="x"),),
+            license="CC0-1.0",
+        ),
+        "block",
+        color="blue",
+    )
+    narrow = run_check("grasp_width", Subject(solid, None))
+    assert narrow.outcome == "failed"
+    assert "states 20 mm" in narrow.sentence
+    assert run_check("grasp_width", Subject(dataclasses.replace(tub, grasps=()), None)).outcome == "not_applicable"
+
+
+@pytest.mark.parametrize("fault", [name for name in ODD.ODD_ASSET_FAULTS if name not in NOT_OF_A_TUB])
+def test_a_further_fault_fails_a_check(tub, fault):
+    check, kind = ODD_CHECKS[fault], kind_of("lunchbox")
+    bad = ODD.ODD_ASSET_FAULTS[fault](tub, np.random.default_rng(3))
+    assert run_check(check, Subject(tub, kind)).outcome == "passed"
+    assert run_check(check, Subject(bad, kind)).outcome == "failed"
+
+
+def test_a_box_that_leans_on_a_spike_does_not_stand(tub):
+    spike = np.array([[0.04, 0.03, -0.026], [0.045, 0.03, 0.003], [0.04, 0.035, 0.003], [0.036, 0.027, 0.003]])
+    part = dataclasses.replace(tub.collision[0], shape="hull", vertices=spike.astype(np.float32))
+    leaning = dataclasses.replace(tub, collision=(*tub.collision, part))
+    result = run_check("rest_tilt", Subject(leaning, kind_of("lunchbox")))
+    assert result.outcome == "failed", result
+    assert 5.0 < result.measured < 20.0
+    assert result.limit == 10.0
 
 
 def test_a_lid_also_keeps_the_ball_out(planted, tub):
@@ -222,9 +287,9 @@ def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, mon
 
 
 @pytest.mark.slow
-def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, tmp_path):
+def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, meshes_if_here, tmp_path):
     out = tmp_path / "planted"
-    results = planted.measure(planted.make_plan(0, out, MESHES if MESHES.is_dir() else None, each=3), out, workers=2)
+    results = planted.measure(planted.make_plan(0, out, meshes_if_here, each=3), out, workers=2)
     rates = planted.print_table(results)
     assert sum(result.fault is not None for result in results) >= 60
     assert rates["false_accepts"] <= 0.01
@@ -233,10 +298,9 @@ def test_planted_bad_assets_are_found_and_good_ones_are_kept(planted, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not MESHES.is_dir(), reason="the folder of real meshes is not here")
-def test_real_meshes_pass_without_a_person(tmp_path):
+def test_real_meshes_pass_without_a_person(meshes, tmp_path):
     tool = _tool("real_meshes")
-    rates = tool.print_summary(tool.measure(tool.named_files(MESHES), tmp_path, workers=2))
+    rates = tool.print_summary(tool.measure(tool.named_files(meshes), tmp_path, workers=2))
     assert rates["imported"] == 1.0
     assert rates["passed"] >= 0.90
     assert rates["still"] >= 0.99

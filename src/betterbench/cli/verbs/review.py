@@ -1,4 +1,4 @@
-"""``better review``: human review of imported meshes in the browser, and the agreement between two reviewers."""
+"""``better review``: human review of imported objects and of scenes in the browser, and what follows from it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,24 @@ from betterbench.cli.person import end_process, person_named
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from betterbench.review.command_page import CommandPage
     from betterbench.statistics import AgreementTable
 
 
 def review_command(
     given: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILES")] = (),
     *,
+    tasks: tuple[str, ...] = (),
     author: str | None = None,
-    out: Path = Path("reviews.jsonl"),
+    out: Path | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Review imported meshes in the browser: correct pose and grasps, accept or reject.
+    """Review imported meshes or scenes in the browser: correct poses, grasps and slots, accept or reject.
 
     The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose,
     size, support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift.
@@ -32,52 +37,150 @@ def review_command(
     command resumes where it was stopped. The command listens on this machine only: from elsewhere, forward the port
     (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
 
-    "better review agree A.jsonl B.jsonl" prints the agreement of two reviews, with Cohen's kappa.
+    "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
+    --tasks, --suite or --task-file, one condition after the other: slots and placement frames can be moved, and a key
+    certifies the scene. "better review apply FILE --out DIR" writes what was reviewed as new task files and asset
+    folders; the reviewed files stay as they are. "better review agree A.jsonl B.jsonl" prints the agreement of two
+    reviews, with Cohen's kappa.
 
     Example: better review meshes --author ada --out reviews.jsonl
 
     Args:
-        given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or agree and two
-            review files.
+        given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or one of the
+            words assets, scenes, apply (and a review file) and agree (and two review files).
+        tasks: With scenes: tasks, or single conditions such as fast_food/L1; default: those of --suite or --task-file.
         author: Reviewer name in the file; the user's name if not given.
-        out: File to which decisions are appended.
+        out: File to which decisions are appended, by default reviews.jsonl, for scenes scene_reviews.jsonl; with
+            apply, the folder to write.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
         port: Port to listen on; 0 for any free one.
+        overwrite: With apply: replace files that better review did not write.
         json: With agree: print one JSON document.
     """
-    if given and str(given[0]) == "agree":
+    word = str(given[0]) if given else ""
+    if word == "agree":
         _agree(given[1:], json=json)
         return
     if json:
         raise InvalidInputError("--json", "it is for better review agree", "Leave it out")
+    if word == "apply":
+        _apply(given[1:], out, overwrite=overwrite)
+        return
+    if word == "scenes":
+        if given[1:]:
+            problem = f"{given[1]} is not an option of the review of scenes"
+            raise InvalidInputError("review scenes", problem, "Name tasks with --tasks")
+        _review_scenes(tasks, author, out or Path("scene_reviews.jsonl"), host=host, port=port)
+        return
+    if tasks:
+        problem = "objects belong to no task"
+        raise InvalidInputError("--tasks, --suite", problem, "Review scenes: better review scenes --tasks TASK")
+    _review_objects(given, author, out or Path("reviews.jsonl"), host=host, port=port)
+
+
+def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, host: str, port: int) -> None:
+    """Review meshes, or the assets of folders."""
     from betterbench.browser.server import load_viser
     from betterbench.cli.verbs.evaluate import prepare_robot
-    from betterbench.cli.verbs.serve import stopped_by_signal
-    from betterbench.review.queue import queue_of
+    from betterbench.review.queue import folder_queue, queue_of
     from betterbench.sim.assets.importing.registration import mesh_imports
 
     load_viser()
     who = person_named(author, "--author")
-    queue = queue_of(given, mesh_imports())
+    of_folders = given == (Path("assets"),) and not given[0].exists()
+    queue = folder_queue(_asset_folders()) if of_folders else queue_of(given, mesh_imports())
     prepare_robot("panda")
     from betterbench.review.desk import ReviewDesk
     from betterbench.review.page import ReviewPage
     from betterbench.sim.assets.importing.review import ReviewJournal
 
     with ReviewJournal(out) as journal:
-        page = ReviewPage(ReviewDesk(queue, journal, who), host=host, port=port)
-        try:
-            if not page.server.is_local:
-                say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
-            with stopped_by_signal() as stopped:
-                OUT.print(f"open {page.server.url}", markup=False, soft_wrap=True)
-                page.run(stopped)
-            judged = sum(journal.history(item.content).verdict is not None for item in queue)
-            say(f"stopped; {judged} of {len(queue)} objects have a verdict in {out}")
-        finally:
-            page.server.close()
+        _serve(ReviewPage(ReviewDesk(queue, journal, who), host=host, port=port), host)
+        judged = sum(journal.history(item.content).verdict is not None for item in queue)
+        say(f"stopped; {judged} of {len(queue)} objects have a verdict in {out}")
+
+
+def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host: str, port: int) -> None:
+    """Review the scenes of tasks."""
+    from betterbench.browser.server import load_viser
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.review.scenes.queue import scene_queue
+    from betterbench.tasks.authoring.registry import task_names
+    from betterbench.tasks.user_files import code_of
+
+    load_viser()
+    who = person_named(author, "--author")
+    queue = scene_queue(tasks or [name for name in task_names() if code_of("task", name) is not None])
+    prepare_robot("panda")
+    from betterbench.review.scenes.changes import SceneJournal
+    from betterbench.review.scenes.desk import SceneDesk
+    from betterbench.review.scenes.page import ScenePage
+    from betterbench.sim.assets.folders.manifest import manifest_of
+
+    movable = frozenset(name for folder in _asset_folders(required=False) for name in manifest_of(folder).assets)
+    with SceneJournal(out) as journal:
+        desk = SceneDesk(queue, journal, who, movable)
+        _serve(ScenePage(desk, host=host, port=port), host)
+        judged = sum(verdict is not None for verdict in desk.verdicts())
+        say(f"stopped; {judged} of {len(queue)} scenes have a verdict in {out}")
+
+
+def _asset_folders(*, required: bool = True) -> list[Path]:
+    """Return the folders of --asset-dir."""
+    from betterbench.tasks.user_files import loaded_files
+
+    folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
+    if required and not folders:
+        raise InvalidInputError("review assets", "no folder of assets is given", "Give it with --asset-dir")
+    return folders
+
+
+def _serve(page: CommandPage, host: str) -> None:
+    """Show a page until a signal stops the command."""
+    from betterbench.cli.verbs.serve import stopped_by_signal
+
+    try:
+        if not page.server.is_local:
+            say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
+        with stopped_by_signal() as stopped:
+            OUT.print(f"open {page.server.url}", markup=False, soft_wrap=True)
+            page.run(stopped)
+    finally:
+        page.server.close()
     if page.server.is_busy:
         end_process()
+
+
+def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> None:
+    """Write reviewed tasks and assets as new files."""
+    from betterbench.jobs.outputs import OutputFolder
+    from betterbench.review.agreement import is_scene_review
+    from betterbench.review.queue import apply_to_folder
+    from betterbench.review.scenes.writing import reviewed_forms, write_moved_frames, write_reviewed_tasks
+
+    if len(files) != 1 or out is None:
+        problem = "no folder is given" if len(files) == 1 else f"{len(files)} review files are given"
+        raise InvalidInputError("review apply", problem, "Give one: better review apply reviews.jsonl --out DIR")
+    (file,) = files
+    if not is_scene_review(file):
+        for folder in _asset_folders():
+            into = out if len(_asset_folders()) == 1 else out / folder.name
+            with OutputFolder(into, "review", overwrite=overwrite):
+                written, rejected = apply_to_folder(file, folder, into)
+            for name, reason in rejected.items():
+                say(f"{name} is left out: {reason}")
+            say(f"wrote {into} with {len(written)} assets", whole=True)
+        return
+    found = reviewed_forms(file)
+    with OutputFolder(out, "review", overwrite=overwrite):
+        paths = [*write_reviewed_tasks(found, out), *write_moved_frames(found, _asset_folders(required=False), out)]
+    for name, reviewed in found.items():
+        for condition, reason in reviewed.rejected.items():
+            say(f"{name}/{condition} is left out: {reason}")
+    for path in paths:
+        say(f"wrote {path}", whole=True)
+    if any(reviewed.moved for reviewed in found.values()):
+        say("slots have moved: measure demonstrations of the new files with better certify --demonstrations 120")
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
@@ -95,16 +198,18 @@ def _agree(files: tuple[Path, ...], *, json: bool) -> None:
     for table in (found.all, found.usable):
         rows = [[name, *map(str, row)] for name, row in zip(table.categories, table.counts, strict=True)]
         print_table([f"{first} \\ {second}", *table.categories], rows)
-        OUT.print(_sentence(table))
+        OUT.print(_sentence(table, found.what))
     if found.only_first or found.only_second:
-        OUT.print(f"Not counted: {found.only_first} objects judged in {first} alone, {found.only_second} in {second}.")
+        OUT.print(
+            f"Not counted: {found.only_first} {found.what} judged in {first} alone, {found.only_second} in {second}."
+        )
     for name, a, b in found.apart[:20]:
         OUT.print(f"{name}: {a} and {b}", markup=False)
 
 
-def _sentence(table: AgreementTable) -> str:
+def _sentence(table: AgreementTable, what: str) -> str:
     kappa, interval = table.kappa, table.interval()
-    agree = f"Both agree on {sum(table.counts[k][k] for k in range(len(table.categories)))} of {table.n} objects"
+    agree = f"Both agree on {sum(table.counts[k][k] for k in range(len(table.categories)))} of {table.n} {what}"
     if kappa is None or interval is None:
-        return f"{agree}; kappa is not defined, since both gave every object the same verdict."
+        return f"{agree}; kappa is not defined, since both gave every one the same verdict."
     return f"{agree}; Cohen's kappa {kappa:.2f} (95 % interval {interval.low:.2f} to {interval.high:.2f})."

@@ -12,6 +12,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.jobs import JobProgress, LineJournal, run_items
 from betterbench.json_form import read_bounded
 from betterbench.sim.asset_checks.certificate import certify_asset
+from betterbench.sim.asset_checks.check import check_names
 from betterbench.sim.asset_checks.result import SCHEMA_VERSION, AssetCertificate
 from betterbench.sim.assets import Asset, build
 from betterbench.sim.assets.authoring.registry import asset_of
@@ -47,7 +48,7 @@ class Target:
     def key(self) -> str:
         """Return a digest of the inputs of the certificate."""
         digest = hashlib.sha256(
-            f"{SCHEMA_VERSION}|{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode()
+            f"{SCHEMA_VERSION}|{check_names()}|{VERSION}|{self.name}|{asdict(self.wishes)}|{self.color}|{self.look}".encode()
         )
         if self.file is not None:
             digest.update(read_bounded(self.file, max_bytes=MAX_FILE_BYTES, cure="Reduce the mesh in a mesh editor"))

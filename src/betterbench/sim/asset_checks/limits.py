@@ -38,6 +38,8 @@ DRIFT_MM = 1.0
 TILT_DEGREES = 20.0
 """Largest turn of the vertical axis from the described pose to rest, the same as in the importer: fruit rolls by 5 to
 13 degrees (measured), a toppling object turns by 60 or more."""
+STANDING_TILT_DEGREES = 10.0
+"""The same for kinds that stand: open at the top, or tall. On a spike of 15 mm, a mug leans by 14 degrees."""
 ROUND_SHARE, ROUND_TILT_DEGREES = 0.75, 60.0
 """Ratio of shortest to longest side above which an object is a ball, and the largest turn of a ball, which rolls before
 it rests."""
@@ -66,6 +68,8 @@ CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
 # ---------------------------------------------------------------------------------------------------------------- lift
 PAYLOAD_KG = 2.27
 """Franka's 3 kg of payload (data sheet of the Emika Panda) minus the 0.73 kg of the hand."""
+GRASP_TOLERANCE_MM = 6.0
+"""Allowed excess of the measured over the stated opening: two cells of a 20 cm solid."""
 LEAST_THICK_M = 0.008
 """Flatter objects cannot be grasped from a table, because the pads touch the table first: 6 mm always failed, 10 mm
 always succeeded."""
@@ -85,6 +89,8 @@ GRASPS_TRIED = 4
 INERTIA_FACTOR = 3.0
 """Allowed ratio of each principal moment to that of a uniform body of the visible shape; a hollow and a solid body
 differ by 1.7."""
+LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
+"""Sliding friction of a collision part: oiled steel has 0.1, rubber on a dry rough surface up to 1.5."""
 CENTER_DEPTH_MM = 0.0
 """Least depth of the center of mass inside the convex hull of the visual shape."""
 OUTSIDE_MM, OUTSIDE_SHARE = 6.0, 0.12

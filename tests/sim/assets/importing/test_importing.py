@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import struct
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -27,8 +26,6 @@ from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 from betterbench.sim.assets.importing.upright import place
 from betterbench.sim.scenes import add_asset, rest_pose
-
-MESHES = Path(__file__).resolve().parents[5] / "shared" / "meshes"
 
 
 def cup(radius=0.04, height=0.09, wall=0.004, sections=12):
@@ -468,9 +465,8 @@ def test_an_import_that_takes_too_long_ends_with_one_line(tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not MESHES.is_dir(), reason="the folder of real meshes is not here")
-def test_real_meshes_become_assets():
-    files = [*sorted((MESHES / "kenney_food").glob("*.glb")), *sorted((MESHES / "ycb").glob("*/*.obj"))]
+def test_real_meshes_become_assets(meshes):
+    files = [*sorted(meshes.glob("**/*.glb")), *sorted(meshes.glob("*/*/*.obj"))]
     failed, ungraspable = {}, []
     for path in files:
         try:

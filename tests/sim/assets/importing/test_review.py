@@ -17,6 +17,7 @@ from PIL import Image
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, from_axis_angle
 from betterbench.interface.state import Region
+from betterbench.jobs.decisions import now
 from betterbench.sim.assets import build
 from betterbench.sim.assets.asset import Grasp, VisualPart
 from betterbench.sim.assets.authoring.registry import unregister
@@ -42,7 +43,7 @@ from betterbench.sim.assets.importing.review import (
     history_of,
     read_reviews,
 )
-from betterbench.sim.assets.importing.review.journal import accepted, now
+from betterbench.sim.assets.importing.review.journal import accepted
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 TILT = math.radians(30.0)

@@ -1,13 +1,39 @@
-"""Check that a parallel jaw can grasp, lift, hold and carry an asset at its proposed grasps."""
+"""Checks that a parallel jaw fits around an asset and can lift, hold and carry it at its proposed grasps."""
 
 from __future__ import annotations
 
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, check, not_applicable
 from betterbench.sim.asset_checks.lift import LiftTrial, try_grasp
+from betterbench.sim.asset_checks.opening import gripper_opening_m, needed_opening_m
 from betterbench.sim.asset_checks.subject import Subject
 
 _CURE = "Move a grasp to where the jaw finds two firm sides, or check mass and friction"
+
+
+@check
+def grasp_width(subject: Subject) -> Finding:
+    """Check that the gripper opens wide enough for one of the first grasps, and that the grasp states its width."""
+    grasps = sorted(subject.asset.grasps, key=lambda grasp: grasp.preference)[: limits.GRASPS_TRIED]
+    if not grasps:
+        return not_applicable("it has no grasp for a parallel jaw")
+    jaw = 1000.0 * gripper_opening_m()
+    problems = []
+    for grasp in grasps:
+        needed_m = needed_opening_m(subject.solid, grasp)
+        needed, stated = 1000.0 * (needed_m or 0.0), 1000.0 * grasp.width_m
+        open_to = stated + 2000.0 * grasp.clearance_m + limits.GRASP_TOLERANCE_MM
+        if needed_m is None:
+            problems.append(f"{grasp.name}: there is nothing between the pads")
+        elif max(needed, stated) > jaw:
+            problems.append(f"{grasp.name}: {max(needed, stated):.3g} mm, and the gripper opens {jaw:.3g} mm")
+        elif needed > open_to:
+            problems.append(f"{grasp.name}: states {stated:.2g} mm, and its part needs {needed:.3g} mm")
+        else:
+            said = f"grasp {grasp.name!r} needs an opening of {needed:.2g} mm, the gripper opens {jaw:.3g} mm"
+            return Finding(needed, jaw, "mm", False, said)
+    said = f"none of its first {len(grasps)} grasps fits the gripper ({'; '.join(problems)})"
+    return Finding(0.0, 1.0, "grasps", True, said, "Correct the width of the grasps, or move them to a narrower part")
 
 
 @check

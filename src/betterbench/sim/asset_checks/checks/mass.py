@@ -1,4 +1,4 @@
-"""Checks that center of mass and inertia fit the shape."""
+"""Checks that center of mass and inertia fit the shape, and that friction is usual."""
 
 from __future__ import annotations
 
@@ -33,3 +33,19 @@ def inertia(subject: Subject) -> Finding:
     ratio = float(np.exp(np.abs(np.log(own / usual)).max()))
     said = f"moments of inertia within a factor of {ratio:.2g} of a uniform body's"
     return at_most(ratio, limits.INERTIA_FACTOR, "ratio", said, _CURE)
+
+
+@check
+def friction(subject: Subject) -> Finding:
+    """Check the sliding friction of the collision parts; the first unusual part is named."""
+    values = [part.friction[0] for part in subject.asset.collision]
+    usual = f"{limits.LEAST_FRICTION:g} to {limits.MOST_FRICTION:g}"
+    cure = "Give a coefficient of two dry surfaces, such as 0.6"
+    for value in values:
+        if not limits.LEAST_FRICTION <= value <= limits.MOST_FRICTION:
+            nearest = limits.MOST_FRICTION if value > limits.MOST_FRICTION else limits.LEAST_FRICTION
+            return Finding(value, nearest, "ratio", True, f"sliding friction {value:.3g}, usual are {usual}", cure)
+    low, high = min(values), max(values)
+    return Finding(
+        high, limits.MOST_FRICTION, "ratio", False, f"sliding friction {low:.2g} to {high:.2g}, usual are {usual}"
+    )

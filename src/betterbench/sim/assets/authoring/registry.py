@@ -3,12 +3,14 @@
 import functools
 import hashlib
 import inspect
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface.state import Region
 from betterbench.sim.assets.asset import Asset, CollisionPart, VisualPart
 from betterbench.sim.assets.authoring.draft import Draft
 from betterbench.sim.assets.authoring.mass import mass_properties
@@ -187,7 +189,29 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     if look not in range(total):
         cure = f"Use a number from 0 to {total - 1}"
         raise InvalidInputError(f"look of {category}", f"{look!r} does not exist", cure)
-    return _build(category, look, chosen)
+    return _with_moved_regions(_build(category, look, chosen))
+
+
+_moved_regions: dict[str, Mapping[str, Region]] = {}
+
+
+@contextmanager
+def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
+    """Build assets with some regions moved, inside the context: regions by their name, by category."""
+    before = dict(_moved_regions)
+    _moved_regions.update(moved)
+    try:
+        yield
+    finally:
+        _moved_regions.clear()
+        _moved_regions.update(before)
+
+
+def _with_moved_regions(asset: Asset) -> Asset:
+    moved = _moved_regions.get(asset.category)
+    if not moved:
+        return asset
+    return replace(asset, regions=tuple(moved.get(region.name, region) for region in asset.regions))
 
 
 @functools.lru_cache(maxsize=512)

@@ -13,18 +13,16 @@ from pydantic import Field
 
 from betterbench.geometry import IDENTITY_QUATERNION, Quaternion, Vector
 from betterbench.interface.state import Region
+from betterbench.jobs.decisions import Undo, Verdict
 from betterbench.json_form import strict_form
 from betterbench.sim.assets.asset import Grasp
 from betterbench.sim.assets.importing.upright import LEAST_M, MOST_M
 
 HEAVIEST_KG = 20.0
-LONGEST_TEXT = 500
-"""Largest length of a reason [characters]."""
 
 _Length = Annotated[float, Field(ge=LEAST_M, le=MOST_M)]
 _Mass = Annotated[float, Field(gt=0.0, le=HEAVIEST_KG)]
 _Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*\S[^\x00-\x1f\x7f]*$")]
-_Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 
 
 @strict_form
@@ -114,30 +112,6 @@ class NameChange:
     before: _Name
     after: _Name
     kind: Literal["name"] = "name"
-
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The verdict of a person: accept as imported, fix (accept with the changes), or reject with a reason."""
-
-    verdict: Literal["accept", "fix", "reject"]
-    reason: _Text = ""
-    kind: Literal["verdict"] = "verdict"
-
-    def __post_init__(self) -> None:
-        """Require a reason for a rejection."""
-        if self.verdict == "reject" and not self.reason.strip():
-            raise ValueError("a rejection needs a reason")
-
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class Undo:
-    """Undo of the last decision on the object that still stands, given by its line number."""
-
-    line: Annotated[int, Field(ge=1)]
-    kind: Literal["undo"] = "undo"
 
 
 Change = PoseChange | ScaleChange | SupportChange | GraspChange | RegionChange | MassChange | NameChange

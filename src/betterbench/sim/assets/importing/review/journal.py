@@ -1,31 +1,29 @@
 """The file of a review, with one appended JSON line per decision, and the history of each object in it.
 
-Each line contains a hash link to the previous line, which reveals lines that were changed, removed or moved by hand
-(:mod:`betterbench.jobs.line_journal`).
+The mechanism is that of :mod:`betterbench.jobs.decisions`; here are the lines about imported objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, one_line
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.geometry import Vector
-from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms
-from betterbench.json_form import dump_json, read_form, strict_form
+from betterbench.jobs.decisions import Author, DecisionJournal, Digest, Time, Verdict, histories, read_decisions
+from betterbench.jobs.decisions import History as DecisionHistory
+from betterbench.json_form import strict_form
 from betterbench.sim.assets.importing.importer import Imported
 from betterbench.sim.assets.importing.review.applying import SAME_SHARE, apply, size_of
-from betterbench.sim.assets.importing.review.changes import Change, Decision, Undo, Verdict
+from betterbench.sim.assets.importing.review.changes import Decision
 from betterbench.sim.assets.names import shown_name
 
 SHOWN = 16
 """Number of digits of a content hash shown in messages."""
-_CURE = "Restore the file from a copy, or review into a new file"
 
 
 @strict_form
@@ -42,132 +40,56 @@ class Review:
         decision: The decision.
     """
 
-    author: Annotated[str, Field(min_length=1, max_length=80)]
-    time: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
-    content: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    author: Author
+    time: Time
+    content: Digest
     asset: Annotated[str, Field(min_length=1, max_length=120)]
     size_m: Vector
     decision: Decision
 
+    @property
+    def subject(self) -> str:
+        """Displayed name of the object."""
+        return self.asset
+
+    def misfit(self, changes: int) -> str:
+        """Return why a verdict does not fit a number of changes, "" if it does."""
+        decision = self.decision
+        if not isinstance(decision, Verdict) or decision.verdict == "reject":
+            return ""
+        fits = "fix" if changes else "accept"
+        if decision.verdict == fits:
+            return ""
+        return f"{decision.verdict!r} with {changes} changes of {self.asset}, expected {fits!r}"
+
 
 _REVIEW = TypeAdapter(Review)
 
-
-@dataclass(frozen=True, slots=True)
-class History:
-    """Active decisions about one object.
-
-    Attributes:
-        reviews: The decisions that were not undone, with the numbers of their lines.
-    """
-
-    reviews: tuple[tuple[int, Review], ...] = ()
-
-    @property
-    def changes(self) -> tuple[Change, ...]:
-        """The changes, in order."""
-        return tuple(r.decision for _, r in self.reviews if not isinstance(r.decision, Verdict | Undo))
-
-    @property
-    def last(self) -> tuple[int, Review] | None:
-        """The last decision and its line number, None if there is none."""
-        return self.reviews[-1] if self.reviews else None
-
-    @property
-    def verdict(self) -> Verdict | None:
-        """The verdict, None if there is none or a change was made after it."""
-        found = None if self.last is None else self.last[1].decision
-        return found if isinstance(found, Verdict) else None
-
-    def after(self, line: int, review: Review, where: str) -> History:
-        """Return the history with one more decision.
-
-        Raises:
-            RecordError: If an undo does not name the last active decision, or a verdict does not fit the changes.
-        """
-        decision = review.decision
-        if isinstance(decision, Undo):
-            if self.last is None or self.last[0] != decision.line:
-                stands = "there is none" if self.last is None else f"it is line {self.last[0]}"
-                problem = f"it undoes line {decision.line} and not the last standing decision on {review.asset}"
-                raise RecordError(f"{where}: {problem} ({stands}). {_CURE}.")
-            return History(self.reviews[:-1])
-        if isinstance(decision, Verdict) and decision.verdict != "reject":
-            fits: Literal["accept", "fix"] = "fix" if self.changes else "accept"
-            if decision.verdict != fits:
-                problem = f"{decision.verdict!r} with {len(self.changes)} changes of {review.asset}, expected {fits!r}"
-                raise RecordError(f"{where}: {problem}. {_CURE}.")
-        return History((*self.reviews, (line, review)))
+History = DecisionHistory[Review]
+"""Active decisions about one object."""
 
 
-def histories(reviews: Iterable[Review], where: str) -> dict[str, History]:
-    """Return the history of every object, by content hash.
-
-    Raises RecordError if a decision does not fit those before it.
-    """
-    found: dict[str, History] = {}
-    for number, review in enumerate(reviews, start=1):
-        before = found.get(review.content, History())
-        found[review.content] = before.after(number, review, f"{where}: line {number}")
-    return found
-
-
-class ReviewJournal(LineJournal):
-    """The file of a review, open for appending by one process.
+class ReviewJournal(DecisionJournal[Review]):
+    """The file of a review of objects, open for appending by one process.
 
     Raises:
         RunConflictError: If another process writes to the file.
         RecordError: If the file was changed by hand, or is not a review file. An unfinished last line is cut off.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Open or create a file."""
-        self._where, self._link, self._reviews = str(path), "", list[Review]()
-        self._histories: dict[str, History] = {}
-        super().__init__(path, alone=True)
+    adapter: ClassVar[TypeAdapter[Any]] = _REVIEW
 
-    def _take_in(self, lines: list[bytes]) -> None:
-        for review, link in _parsed(self._path, lines):
-            self._reviews.append(review)
-            self._link = link
-        self._histories = histories(self._reviews, self._where)
-
-    def history(self, content: str) -> History:
-        """Return the history of an object."""
-        return self._histories.get(content, History())
-
-    @property
-    def reviews(self) -> tuple[Review, ...]:
-        """All decisions."""
-        return tuple(self._reviews)
-
-    def append(self, review: Review) -> History:
-        """Append a decision, and return the history of its object after the line is on disk.
-
-        Raises:
-            InvalidInputError: If a field of the decision is not valid.
-            RecordError: If the decision does not fit those before it.
-        """
-        form = _form(review)
-        read_form(_REVIEW, dump_json(form), where="decision", cure="Give another value")
-        number = len(self._reviews) + 1
-        new = self.history(review.content).after(number, review, f"{self._where}: line {number}")
-        link = link_after(self._link, form)
-        self._append_line({**form, LINK: link})
-        self._link = link
-        self._reviews.append(review)
-        self._histories[review.content] = new
-        return new
+    @staticmethod
+    def form(review: Review) -> dict[str, Any]:
+        """Return the JSON form of a line."""
+        form = DecisionJournal.form(review)
+        form["size_m"] = [round(float(v), 6) for v in review.size_m]
+        return form
 
 
 def asset_name(mesh: Path) -> str:
     """Return the name of an object in reviews: the file name, with the folder if the file name is generic."""
     return one_line(shown_name(mesh), most=100)
-
-
-def now() -> str:
-    """Return the current time for a decision (UTC, ISO 8601)."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def read_reviews(path: Path) -> tuple[Review, ...]:
@@ -176,10 +98,7 @@ def read_reviews(path: Path) -> tuple[Review, ...]:
     Raises:
         RecordError: If the file is missing, was changed by hand, or is not the file of a review.
     """
-    if not path.exists():
-        raise RecordError(f"{path}: does not exist. Name a file that better review has written.")
-    lines, _ = complete_lines(path)
-    return tuple(review for review, _ in _parsed(path, lines))
+    return read_decisions(_REVIEW, path)
 
 
 def history_of(path: Path, content: str, asset: str) -> History:
@@ -241,15 +160,3 @@ def accepted(imported: Imported, history: History, *, asset: str, content: str) 
 
 def _centimeters(size: Sequence[float]) -> str:
     return " × ".join(f"{100 * v:.1f}" for v in size) + " cm"
-
-
-def _form(review: Review) -> dict[str, Any]:
-    form = asdict(review)
-    form["size_m"] = [round(float(v), 6) for v in review.size_m]
-    return form
-
-
-def _parsed(path: Path, lines: list[bytes]) -> Iterable[tuple[Review, str]]:
-    for number, (form, link) in enumerate(linked_forms(path, lines, cure=_CURE), start=1):
-        where = f"{path}: line {number}"
-        yield read_form(_REVIEW, form, where=where, cure=_CURE, raises=RecordError, sealed=True), link

@@ -1,0 +1,222 @@
+"""Journals of people's decisions: changes, verdicts and undo, with the history of each subject.
+
+A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). Decisions about one subject
+have the same content hash, and form its history. The kinds of changes are up to the package that reviews a subject.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import RecordError
+from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms
+from betterbench.json_form import dump_json, read_form, strict_form
+
+LONGEST_TEXT = 500
+"""Largest length of a reason [characters]."""
+CURE = "Restore the file from a copy, or review into a new file"
+"""Remedy for a damaged journal."""
+
+Author = Annotated[str, Field(min_length=1, max_length=80)]
+"""Name of the person who decided."""
+Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
+"""Time of a decision, UTC, ISO 8601."""
+Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+"""Content hash."""
+_Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The verdict of a person: accept as found, fix (accept with the changes), or reject with a reason."""
+
+    verdict: Literal["accept", "fix", "reject"]
+    reason: _Text = ""
+    kind: Literal["verdict"] = "verdict"
+
+    def __post_init__(self) -> None:
+        """Require a reason for a rejection."""
+        if self.verdict == "reject" and not self.reason.strip():
+            raise ValueError("a rejection needs a reason")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """Undo of the last decision on the subject that still stands, given by its line number."""
+
+    line: Annotated[int, Field(ge=1)]
+    kind: Literal["undo"] = "undo"
+
+
+class DecisionLine(Protocol):
+    """One decision of a person: a line of the file."""
+
+    @property
+    def author(self) -> str:
+        """Name of the person."""
+
+    @property
+    def time(self) -> str:
+        """Time of the decision, UTC, ISO 8601."""
+
+    @property
+    def content(self) -> str:
+        """Content hash of the subject."""
+
+    @property
+    def decision(self) -> Any:  # noqa: ANN401 - a change, whose kind depends on the subject, a Verdict or an Undo
+        """The decision."""
+
+    @property
+    def subject(self) -> str:
+        """Displayed name of the subject."""
+
+    def misfit(self, changes: int) -> str:
+        """Return why the decision does not fit a history with a number of changes, "" if it does."""
+
+
+LineT = TypeVar("LineT", bound=DecisionLine)
+
+
+@dataclass(frozen=True, slots=True)
+class History(Generic[LineT]):
+    """Active decisions about one subject.
+
+    Attributes:
+        reviews: The decisions that were not undone, with the numbers of their lines.
+    """
+
+    reviews: tuple[tuple[int, LineT], ...] = ()
+
+    @property
+    def changes(self) -> tuple[Any, ...]:
+        """The changes, in order."""
+        return tuple(r.decision for _, r in self.reviews if not isinstance(r.decision, Verdict | Undo))
+
+    @property
+    def last(self) -> tuple[int, LineT] | None:
+        """The last decision and its line number, None if there is none."""
+        return self.reviews[-1] if self.reviews else None
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The verdict, None if there is none or a change was made after it."""
+        found = None if self.last is None else self.last[1].decision
+        return found if isinstance(found, Verdict) else None
+
+    def after(self, line: int, review: LineT, where: str) -> History[LineT]:
+        """Return the history with one more decision.
+
+        Raises:
+            RecordError: If an undo does not name the last active decision, or a verdict does not fit the changes.
+        """
+        decision = review.decision
+        if isinstance(decision, Undo):
+            if self.last is None or self.last[0] != decision.line:
+                stands = "there is none" if self.last is None else f"it is line {self.last[0]}"
+                problem = f"it undoes line {decision.line} and not the last standing decision on {review.subject}"
+                raise RecordError(f"{where}: {problem} ({stands}). {CURE}.")
+            return History(self.reviews[:-1])
+        problem = review.misfit(len(self.changes))
+        if problem:
+            raise RecordError(f"{where}: {problem}. {CURE}.")
+        return History((*self.reviews, (line, review)))
+
+
+def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]:
+    """Return the history of every subject, by content hash.
+
+    Raises RecordError if a decision does not fit those before it.
+    """
+    found: dict[str, History[LineT]] = {}
+    for number, review in enumerate(reviews, start=1):
+        before = found.get(review.content, History())
+        found[review.content] = before.after(number, review, f"{where}: line {number}")
+    return found
+
+
+class DecisionJournal(LineJournal, Generic[LineT]):
+    """The file of a review, open for appending by one process. A subclass names the form of its lines.
+
+    Raises:
+        RunConflictError: If another process writes to the file.
+        RecordError: If the file was changed by hand, or is not a review file. An unfinished last line is cut off.
+    """
+
+    adapter: ClassVar[TypeAdapter[Any]]
+    """Form of a line."""
+
+    def __init__(self, path: Path) -> None:
+        """Open or create a file."""
+        self._where, self._link, self._reviews = str(path), "", list[LineT]()
+        self._histories: dict[str, History[LineT]] = {}
+        super().__init__(path, alone=True)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        for review, link in _parsed(self.adapter, self._path, lines):
+            self._reviews.append(review)
+            self._link = link
+        self._histories = histories(self._reviews, self._where)
+
+    def history(self, content: str) -> History[LineT]:
+        """Return the history of a subject."""
+        return self._histories.get(content, History())
+
+    @property
+    def reviews(self) -> tuple[LineT, ...]:
+        """All decisions."""
+        return tuple(self._reviews)
+
+    def append(self, review: LineT) -> History[LineT]:
+        """Append a decision, and return the history of its subject after the line is on disk.
+
+        Raises:
+            InvalidInputError: If a field of the decision is not valid.
+            RecordError: If the decision does not fit those before it.
+        """
+        form = self.form(review)
+        read_form(self.adapter, dump_json(form), where="decision", cure="Give another value")
+        number = len(self._reviews) + 1
+        new = self.history(review.content).after(number, review, f"{self._where}: line {number}")
+        link = link_after(self._link, form)
+        self._append_line({**form, LINK: link})
+        self._link = link
+        self._reviews.append(review)
+        self._histories[review.content] = new
+        return new
+
+    @staticmethod
+    def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
+        """Return the JSON form of a line."""
+        return asdict(review)
+
+
+def now() -> str:
+    """Return the current time for a decision (UTC, ISO 8601)."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def read_decisions(adapter: TypeAdapter[LineT], path: Path) -> tuple[LineT, ...]:
+    """Return the decisions of a file; an unfinished last line is ignored.
+
+    Raises:
+        RecordError: If the file is missing, was changed by hand, or has lines of another form.
+    """
+    if not path.exists():
+        raise RecordError(f"{path}: does not exist. Name a file that better review has written.")
+    lines, _ = complete_lines(path)
+    return tuple(review for review, _ in _parsed(adapter, path, lines))
+
+
+def _parsed(adapter: TypeAdapter[LineT], path: Path, lines: list[bytes]) -> Iterator[tuple[LineT, str]]:
+    for number, (form, link) in enumerate(linked_forms(path, lines, cure=CURE), start=1):
+        where = f"{path}: line {number}"
+        yield read_form(adapter, form, where=where, cure=CURE, raises=RecordError, sealed=True), link

@@ -1,0 +1,159 @@
+"""Decisions about the scenes of a task: moved slots and placement frames, verdicts, and undo.
+
+Changes belong to a task, because its conditions share slots and assets; a verdict belongs to one condition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.interface.state import Region
+from betterbench.jobs.decisions import (
+    Author,
+    DecisionJournal,
+    Digest,
+    History,
+    Time,
+    Undo,
+    Verdict,
+    histories,
+    read_decisions,
+)
+from betterbench.json_form import strict_form
+
+_Name = Annotated[str, Field(min_length=1, max_length=120)]
+_Meters = Annotated[float, Field(ge=-2.0, le=2.0)]
+_Radians = Annotated[float, Field(ge=-6.3, le=6.3)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SlotPlace:
+    """Center [m] and heading [rad] of a slot, in the world frame."""
+
+    x: _Meters
+    y: _Meters
+    yaw: _Radians
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SlotChange:
+    """A moved slot."""
+
+    slot: _Name
+    before: SlotPlace
+    after: SlotPlace
+    kind: Literal["slot"] = "slot"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class FrameChange:
+    """A moved placement frame of an asset, in the frame of the object."""
+
+    asset: _Name
+    before: Region
+    after: Region
+    kind: Literal["frame"] = "frame"
+
+
+SceneChange = SlotChange | FrameChange
+"""A change of a task's scenes."""
+SceneDecision = Annotated[SlotChange | FrameChange | Verdict | Undo, Field(discriminator="kind")]
+"""A change, a verdict or the undoing of a decision."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SceneReview:
+    """One decision of a person about a task's scenes: a line of the file.
+
+    Attributes:
+        author: Name of the person.
+        time: Time of the decision, UTC, ISO 8601.
+        content: Hash of the task without changes (:func:`~betterbench.review.scenes.forms.task_content`).
+        task: Name of the task.
+        condition: Name of the condition whose scene the person saw.
+        scene: Hash of this scene before the decision (:func:`~betterbench.review.scenes.forms.scene_content`).
+        decision: The decision.
+    """
+
+    author: Author
+    time: Time
+    content: Digest
+    task: _Name
+    condition: _Name
+    scene: Digest
+    decision: SceneDecision
+
+    @property
+    def subject(self) -> str:
+        """Displayed name of the scene."""
+        return f"{self.task}/{self.condition}"
+
+    def misfit(self, changes: int) -> str:
+        """Return why a verdict does not fit a number of changes, "" if it does."""
+        if isinstance(self.decision, Verdict) and self.decision.verdict == "fix" and not changes:
+            return f"'fix' without a change of {self.subject}, expected 'accept'"
+        return ""
+
+
+_LINE = TypeAdapter(SceneReview)
+SceneHistory = History[SceneReview]
+"""Active decisions about one task."""
+
+
+class SceneJournal(DecisionJournal[SceneReview]):
+    """The file of a review of scenes, open for appending by one process."""
+
+    adapter: ClassVar[TypeAdapter[Any]] = _LINE
+
+
+def read_scene_reviews(path: Path) -> tuple[SceneReview, ...]:
+    """Return the decisions of a file; an unfinished last line is ignored.
+
+    Raises:
+        RecordError: If the file is missing, was changed by hand, or is not the file of a review of scenes.
+    """
+    return read_decisions(_LINE, path)
+
+
+def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | None:
+    """Return the last standing verdict on a condition, None if its scene was changed afterwards.
+
+    Args:
+        history: Decisions about the task.
+        condition: Name of the condition.
+        scene: Hash of the scene with all standing changes.
+    """
+    found: Verdict | None = None
+    for _, review in history.reviews:
+        if review.condition == condition and isinstance(review.decision, Verdict):
+            found = review.decision if review.scene == scene else None
+    return found
+
+
+def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str, str], tuple[str, str]]:
+    """Return the name of each judged scene and its last standing verdict, by task content and condition."""
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    for content, history in histories(reviews, where).items():
+        for _, review in history.reviews:
+            if isinstance(review.decision, Verdict):
+                found[content, review.condition] = (review.subject, review.decision.verdict)
+    return found
+
+
+def said(change: SceneChange) -> str:
+    """Return a change as a short English phrase."""
+    if isinstance(change, FrameChange):
+        return f"frame {change.after.name} of {change.asset} moved"
+    a, b = change.before, change.after
+    moved = f"{1000 * (b.x - a.x):+.0f} mm, {1000 * (b.y - a.y):+.0f} mm"
+    turned = f", {57.29577951 * (b.yaw - a.yaw):+.0f}°" if abs(b.yaw - a.yaw) > 1e-6 else ""
+    return f"slot {change.slot} moved by {moved}{turned}"

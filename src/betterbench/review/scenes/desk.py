@@ -1,0 +1,389 @@
+"""State of one person's review of scenes, without the browser page: current scene, edit in progress, and decisions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from pydantic import ValidationError
+
+from betterbench.certification.certificate import CLAUSES, TrialCertificate
+from betterbench.certification.examine import examine_condition
+from betterbench.errors import BetterError, one_line
+from betterbench.geometry import Pose, Vector, from_yaw, yaw_of
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.state import Region
+from betterbench.jobs.decisions import Undo, Verdict, now
+from betterbench.review.scenes.changes import (
+    FrameChange,
+    SceneChange,
+    SceneDecision,
+    SceneHistory,
+    SceneJournal,
+    SceneReview,
+    SlotChange,
+    SlotPlace,
+    said,
+)
+from betterbench.review.scenes.forms import is_same_frame, moved_frames, scene_content
+from betterbench.review.scenes.queue import QueuedScene, condition_of, support_of
+from betterbench.sim.assets.authoring.registry import moved_regions
+from betterbench.sim.scenes import Placement, Scene
+from betterbench.sim.scenes.stage import QUALITIES
+from betterbench.tasks import Condition, Slot, Task
+
+Mode = Literal["slot", "frame"]
+MODES: tuple[Mode, ...] = ("slot", "frame")
+STEP_M, STEP_DEGREES = 0.005, 5.0
+"""Movement by one press of a key."""
+SEEDS = 5
+"""Number of seeds that a key steps through."""
+
+
+@dataclass(slots=True)
+class SceneDesk:
+    """State of one review of scenes.
+
+    Attributes:
+        queue: Scenes to review.
+        journal: File of the decisions.
+        author: Reviewer name.
+        movable: Assets whose placement frames can be moved, because they are in a folder of imported assets.
+        index: Index of the current scene.
+        seed: Seed of the scene that is shown.
+        mode: Target of the gizmo: a slot or a placement frame.
+        selected: Index of the selected slot or placement frame.
+        edit: Change in progress, None if there is none.
+        certified: Findings on the shown scene, None before they are computed.
+        message: Result of the last command, one sentence.
+        is_problem: Whether ``message`` reports an error.
+    """
+
+    queue: Sequence[QueuedScene]
+    journal: SceneJournal
+    author: str
+    movable: frozenset[str] = frozenset()
+    index: int = 0
+    seed: int = 0
+    mode: Mode = "slot"
+    selected: int = 0
+    edit: SceneChange | None = None
+    certified: TrialCertificate | None = None
+    message: str = ""
+    is_problem: bool = False
+    scene: Scene | None = None
+    problem: str = ""
+
+    @property
+    def at_hand(self) -> QueuedScene:
+        """The current scene."""
+        return self.queue[self.index]
+
+    @property
+    def history(self) -> SceneHistory:
+        """The decisions about the current task."""
+        return self.journal.history(self.at_hand.task.content)
+
+    @property
+    def task(self) -> Task:
+        """The current task with its kept changes."""
+        return self.at_hand.task.changed(self.history.changes)
+
+    @property
+    def condition(self) -> Condition:
+        """The current condition."""
+        return condition_of(self.task, self.at_hand.condition)
+
+    @property
+    def content(self) -> str:
+        """Hash of the current scene with all kept changes."""
+        return scene_content(self.task, self.condition, self.history.changes)
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether kept changes have changed the current scene."""
+        task = self.at_hand.task.changed(())
+        return self.content != scene_content(task, condition_of(task, self.at_hand.condition))
+
+    def verdicts(self) -> list[Verdict | None]:
+        """Return the standing verdict on each scene of the queue."""
+        return [scene.verdict(self.journal.history(scene.task.content)) for scene in self.queue]
+
+    # -------------------------------------------------------------------------------------------------- slots, frames
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        """The slots that the condition uses, as edited."""
+        used = dict.fromkeys(self.condition.layout.values())
+        return tuple(self._edited(self.task.slot(name)) for name in used)
+
+    def _edited(self, slot: Slot) -> Slot:
+        edit = self.edit
+        if not isinstance(edit, SlotChange) or edit.slot != slot.name:
+            return slot
+        return replace(slot, x=edit.after.x, y=edit.after.y, yaw=edit.after.yaw)
+
+    @property
+    def slot(self) -> Slot | None:
+        """The selected slot, as edited."""
+        slots = self.slots
+        return slots[self.selected % len(slots)] if slots else None
+
+    @property
+    def frames(self) -> tuple[tuple[Placement, Region], ...]:
+        """The placement frames of the targets in the scene, as edited."""
+        if self.scene is None:
+            return ()
+        edit = self.edit
+        targets = self.condition.instruction.subgoals
+        wanted = {goal.target for goal in targets}
+        wanted |= {place.target for place in self.condition.preplaced.values()}
+        found = []
+        for placement in self.scene.placements:
+            if placement.spec.name in wanted:
+                for region in placement.asset.regions:
+                    is_edited = (
+                        isinstance(edit, FrameChange)
+                        and edit.asset == placement.asset.category
+                        and edit.after.name == region.name
+                    )
+                    shown = edit.after if is_edited and isinstance(edit, FrameChange) else region
+                    found.append((placement, shown))
+        return tuple(found)
+
+    @property
+    def frame(self) -> tuple[Placement, Region] | None:
+        """The selected placement frame, as edited, with its object."""
+        frames = self.frames
+        return frames[self.selected % len(frames)] if frames else None
+
+    def poses(self) -> dict[str, Pose]:
+        """Return ``T_world_object`` of each object at the start; the edit in progress moves what is in its slot."""
+        if self.scene is None:
+            return {}
+        poses = {p.spec.name: p.pose for p in self.scene.placements}
+        if not isinstance(self.edit, SlotChange):
+            return poses
+        a, b = self.edit.before, self.edit.after
+        move = Pose((b.x, b.y, 0.0), from_yaw(b.yaw)) @ Pose((a.x, a.y, 0.0), from_yaw(a.yaw)).inverse()
+        return {name: move @ poses[name] if name in self._carried(self.edit.slot) else poses[name] for name in poses}
+
+    def _carried(self, slot: str) -> set[str]:
+        """Return the names of the objects that move with a slot: its object, and what rests on or slides in it."""
+        condition = self.condition
+        found = {name for name, place in condition.layout.items() if place == slot}
+        on = {name: place.target for name, place in condition.preplaced.items()}
+        on |= {spec.name: spec.mount.target for spec in condition.objects if spec.mount is not None}
+        while more := {name for name, target in on.items() if target in found and name not in found}:
+            found |= more
+        return found
+
+    # -------------------------------------------------------------------------------------------------------- moving
+
+    def open_first(self) -> None:
+        """Show the first scene without a verdict."""
+        open_ones = [k for k, verdict in enumerate(self.verdicts()) if verdict is None]
+        self._go(open_ones[0] if open_ones else 0)
+
+    def step(self, by: int) -> None:
+        """Show another scene of the queue; an edit in progress is kept first."""
+        if self.keep():
+            self._go((self.index + by) % len(self.queue))
+
+    def step_seed(self) -> None:
+        """Show the scene with another seed; an edit in progress is kept first."""
+        if self.keep():
+            self.seed = (self.seed + 1) % SEEDS
+            self._build()
+            self._say(f"Seed {self.seed}.")
+
+    def _go(self, index: int) -> None:
+        self.index, self.selected, self.edit = index, 0, None
+        self._say("")
+        self._build()
+
+    def _build(self) -> None:
+        """Build the current scene; ``problem`` gets the reason of a failure."""
+        self.scene, self.problem, self.certified = None, "", None
+        try:
+            with moved_regions(moved_frames(self.history.changes)):
+                self.scene = Scene(
+                    self.task,
+                    self.condition,
+                    seed=self.seed,
+                    action_space=EE_DELTA,
+                    quality=QUALITIES["standard"],
+                )
+        except BetterError as error:
+            self.problem = one_line(error)
+
+    def choose(self, mode: Mode) -> None:
+        """Choose the target of the gizmo; an edit in progress is kept first."""
+        if mode != self.mode and self.keep():
+            self.mode, self.selected = mode, 0
+
+    def select_next(self) -> None:
+        """Select the next slot or placement frame; an edit in progress is kept first."""
+        if self.keep():
+            self.selected += 1
+
+    # ------------------------------------------------------------------------------------------------------- editing
+
+    def drag(self, pose: Pose) -> None:
+        """Move the selected slot or placement frame to a pose in the world frame; a slot stays on the table."""
+        if self.mode == "slot" and self.slot is not None:
+            x, y, _ = pose.position
+            yaw = self.slot.yaw + math.remainder(yaw_of(pose.quaternion) - self.slot.yaw, math.tau)
+            self._move_slot(x, y, yaw)
+        elif self.mode == "frame" and self.frame is not None:
+            placement, region = self.frame
+            local = self.poses()[placement.spec.name].inverse() @ pose
+            self._move_frame(placement, region, local)
+
+    def nudge(self, along: Vector, degrees: float = 0.0) -> None:
+        """Move the selected slot or placement frame by a vector [m] and turn it about the vertical axis."""
+        if self.mode == "slot" and self.slot is not None:
+            slot = self.slot
+            self._move_slot(slot.x + along[0], slot.y + along[1], slot.yaw + math.radians(degrees))
+        elif self.mode == "frame" and self.frame is not None:
+            placement, region = self.frame
+            world = self.poses()[placement.spec.name] @ region.pose
+            turn = Pose(world.position, from_yaw(math.radians(degrees))) @ Pose((0.0, 0.0, 0.0), world.quaternion)
+            self._move_frame(placement, region, self.poses()[placement.spec.name].inverse() @ turn.translated(*along))
+
+    def _move_slot(self, x: float, y: float, yaw: float) -> None:
+        if self.slot is None:
+            return
+        kept = self.task.slot(self.slot.name)
+        before = SlotPlace(kept.x, kept.y, kept.yaw)
+        self.edit = SlotChange(kept.name, before, SlotPlace(round(x, 4), round(y, 4), round(yaw, 4)))
+
+    def _move_frame(self, placement: Placement, region: Region, local: Pose) -> None:
+        category = placement.asset.category
+        if category not in self.movable:
+            self._say(
+                f"The frames of {category} are part of the library; only those of --asset-dir move.", problem=True
+            )
+            return
+        x, y, z = (round(v, 5) + 0.0 for v in local.position)
+        w, i, j, k = (round(v, 7) + 0.0 for v in local.quaternion)
+        kept = placement.asset.region(region.name)
+        self.edit = FrameChange(category, kept, replace(kept, position=(x, y, z), quaternion=(w, i, j, k)))
+
+    def drop_edit(self) -> None:
+        """Drop the edit in progress."""
+        self.edit = None
+        self._say("The edit was dropped.")
+
+    def keep(self) -> bool:
+        """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
+        edit = self.edit
+        if edit is None:
+            return True
+        self.edit = None
+        if edit.before == edit.after or (isinstance(edit, FrameChange) and is_same_frame(edit.before, edit.after)):
+            return True
+        try:
+            self.at_hand.task.changed((*self.history.changes, edit))
+            self._write(edit)
+        except (BetterError, ValidationError) as error:
+            self._say(one_line(error), problem=True)
+            return False
+        self._build()
+        self._say(f"Kept: {said(edit)}.")
+        return True
+
+    # ------------------------------------------------------------------------------------------------------ decisions
+
+    def accept(self) -> None:
+        """Accept the scene, with the changes of its task if they concern it, and show the next scene."""
+        if self.keep():
+            if self.problem:
+                self._say("The scene cannot be built; reject it, or undo the change.", problem=True)
+                return
+            self._judge(Verdict("fix" if self.is_changed else "accept"))
+
+    def reject(self, reason: str) -> None:
+        """Reject the scene for a reason, and show the next one."""
+        if not reason.strip():
+            self._say("Write the reason of the rejection first.", problem=True)
+        elif self.keep():
+            self._judge(Verdict("reject", one_line(reason)))
+
+    def _judge(self, verdict: Verdict) -> None:
+        name = self.at_hand.name
+        try:
+            self._write(verdict)
+        except (BetterError, ValidationError) as error:
+            self._say(one_line(error), problem=True)
+            return
+        self._go((self.index + 1) % len(self.queue))
+        self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
+
+    def undo(self) -> None:
+        """Drop the edit in progress; without one, undo the last decision on this task that still stands."""
+        if self.edit is not None:
+            self.drop_edit()
+            return
+        last = self.history.last
+        if last is None:
+            self._say("There is nothing to undo for this task.", problem=True)
+            return
+        line, review = last
+        try:
+            self._write(Undo(line))
+        except (BetterError, ValidationError) as error:
+            self._say(one_line(error), problem=True)
+            return
+        at = [k for k, item in enumerate(self.queue) if item.name == review.subject]
+        self._go(at[0] if at else self.index)
+        undone = review.decision
+        if isinstance(undone, SlotChange | FrameChange):
+            self._say(f"Undone: {said(undone)}.")
+        elif isinstance(undone, Verdict):
+            self._say(f"Undone: {undone.verdict} of {review.subject}.")
+
+    def _write(self, decision: SceneDecision) -> None:
+        item = self.at_hand
+        self.journal.append(
+            SceneReview(self.author, now(), item.task.content, item.task.name, item.condition, self.content, decision)
+        )
+
+    # ------------------------------------------------------------------------------------------------------ certifying
+
+    def certify(self) -> None:
+        """Examine the scene as ``better certify`` does, with the present seed; an edit in progress is kept first."""
+        if not self.keep():
+            return
+        if self.problem:
+            self._say(self.problem, problem=True)
+            return
+        task, name = self.task, self.at_hand.condition
+        try:
+            with moved_regions(moved_frames(self.history.changes)):
+                found = examine_condition(
+                    task,
+                    self.condition,
+                    self.seed,
+                    support=support_of(task, name),
+                    training=name in {condition.name for condition in task.training},
+                )
+        except BetterError as error:
+            self._say(one_line(error), problem=True)
+            return
+        self.certified = found
+        if found.passed:
+            self._say(f"Certified with seed {self.seed}: the expert needs {found.steps} of {found.step_limit} steps.")
+        else:
+            failed = "; ".join(f"({letter}) {found.clauses[letter].text or CLAUSES[letter]}" for letter in found.failed)
+            self._say(f"Not certified with seed {self.seed}: {one_line(failed, most=300)}.", problem=True)
+
+    def _say(self, text: str, *, problem: bool = False) -> None:
+        self.message, self.is_problem = text, problem
+
+
+def bodies_of(scene: Scene) -> Mapping[str, int]:
+    """Return the body number of each object of a scene."""
+    return {p.spec.name: int(body) for p, body in zip(scene.placements, scene.compiled.bodies, strict=True)}

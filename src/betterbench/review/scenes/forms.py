@@ -1,0 +1,103 @@
+"""A task's JSON form with changes of a review applied: pure functions of the form and the changes."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.geometry import angle_between, distance
+from betterbench.interface.state import Region
+from betterbench.json_form import dump_json
+from betterbench.review.scenes.changes import FrameChange, SceneChange, SlotChange, SlotPlace
+from betterbench.tasks import Condition, Task
+
+SAME_M, SAME_RAD = 1e-6, 1e-6
+"""Tolerances for values that a reviewer saw, for rounding."""
+_OTHER_CURE = "Restore the reviewed task file, or review this one"
+
+
+def task_content(form: Mapping[str, Any]) -> str:
+    """Return the hash (hex) of a task, from its JSON form."""
+    return hashlib.sha256(dump_json(dict(form))).hexdigest()
+
+
+def scene_content(task: Task, condition: Condition, changes: Iterable[SceneChange] = ()) -> str:
+    """Return the hash (hex) of a condition's scene: the condition, the slots in use, and moved placement frames."""
+    used = sorted(set(condition.layout.values()))
+    categories = {spec.category for spec in condition.objects}
+    frames = moved_frames(changes)
+    form = {
+        "condition": condition.to_json(),
+        "slots": [asdict(task.slot(name)) for name in used],
+        "frames": {name: [asdict(r) for r in found.values()] for name, found in frames.items() if name in categories},
+    }
+    return hashlib.sha256(dump_json(form)).hexdigest()
+
+
+def place_of(slot: Mapping[str, Any]) -> SlotPlace:
+    """Return the place of a slot, from the form of the slot."""
+    return SlotPlace(float(slot["x"]), float(slot["y"]), float(slot["yaw"]))
+
+
+def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "review") -> dict[str, Any]:
+    """Return the form of a task with one change applied; a moved frame changes an asset and not the form.
+
+    Raises:
+        InvalidInputError: If the task has no such slot, or the slot is not where the reviewer saw it.
+    """
+    new: dict[str, Any] = copy.deepcopy(dict(form))
+    if isinstance(change, FrameChange):
+        return new
+    slot = next((slot for slot in new["slots"] if slot["name"] == change.slot), None)
+    if slot is None:
+        unknown = UnknownNameError("slot", change.slot, [str(slot["name"]) for slot in new["slots"]])
+        raise InvalidInputError(where, str(unknown).rstrip("."), _OTHER_CURE)
+    here = place_of(slot)
+    if not _is_same_place(here, change.before):
+        problem = f"the review found the slot {change.slot!r} at {_at(change.before)}, and here it is at {_at(here)}"
+        raise InvalidInputError(where, problem, _OTHER_CURE)
+    slot.update(asdict(change.after))
+    return new
+
+
+def _is_same_place(a: SlotPlace, b: SlotPlace) -> bool:
+    return max(abs(a.x - b.x), abs(a.y - b.y)) < SAME_M and abs(a.yaw - b.yaw) < SAME_RAD
+
+
+def _at(place: SlotPlace) -> str:
+    return f"({place.x:.4g} m, {place.y:.4g} m, {place.yaw:.3g} rad)"
+
+
+def patched(form: Mapping[str, Any], changes: Sequence[SceneChange], *, where: str = "review") -> dict[str, Any]:
+    """Return the form of a task with changes applied in order; its version is one higher if a slot has moved.
+
+    The same form and changes give the same result.
+
+    Raises:
+        InvalidInputError: As for :func:`changed_form`.
+    """
+    new = dict(form)
+    for change in changes:
+        new = changed_form(new, change, where=where)
+    if any(isinstance(change, SlotChange) for change in changes):
+        new["version"] = int(new["version"]) + 1
+    return new
+
+
+def moved_frames(changes: Iterable[SceneChange]) -> dict[str, dict[str, Region]]:
+    """Return the last place of each moved placement frame, by asset and name of the frame."""
+    found: dict[str, dict[str, Region]] = {}
+    for change in changes:
+        if isinstance(change, FrameChange):
+            found.setdefault(change.asset, {})[change.after.name] = change.after
+    return found
+
+
+def is_same_frame(a: Region, b: Region) -> bool:
+    """Return whether two placement frames agree within the rounding of files."""
+    apart = max(distance(a.position, b.position), distance(a.half_size, b.half_size))
+    return a.name == b.name and apart < 1e-5 and angle_between(a.quaternion, b.quaternion) < 1e-4

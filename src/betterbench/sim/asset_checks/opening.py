@@ -1,0 +1,42 @@
+"""Opening of a parallel jaw that a grasp needs, measured on the cells of the visible shape."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.geometry import rotate
+from betterbench.sim.assets import Grasp
+from betterbench.sim.assets.importing.grasping import PAD_HALF_HEIGHT_M, PAD_HALF_WIDTH_M
+from betterbench.sim.assets.importing.solid import Solid
+from betterbench.sim.robots.spec import robot
+
+_NEAR_M = 0.004
+"""Largest distance of the held part from the region that the stated width spans [m]."""
+
+
+def gripper_opening_m(name: str = "panda") -> float:
+    """Return the largest opening of a robot's gripper [m]."""
+    return robot(name).gripper_opening_m
+
+
+def needed_opening_m(solid: Solid, grasp: Grasp) -> float | None:
+    """Return the opening that a centered jaw needs to close on the held part [m], None if there is nothing to hold.
+
+    The held part is the connected run of cells between the pads, in the direction in which the fingers close. The jaw
+    closes symmetrically about the pose of the grasp, so a part beside the middle needs a wider opening.
+    """
+    centers = solid.centers(solid.cells) - np.asarray(grasp.pose.position)
+    axes = np.array([rotate(grasp.pose.quaternion, axis) for axis in np.eye(3).tolist()])
+    x, y, z = (centers @ axis for axis in axes)
+    reach = 0.5 * solid.pitch_m
+    between = (np.abs(x) < PAD_HALF_WIDTH_M + reach) & (np.abs(z) < PAD_HALF_HEIGHT_M + reach)
+    rows = np.unique(np.round(y[between] / solid.pitch_m).astype(int))
+    if len(rows) == 0:
+        return None
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    spans = [(run[0] * solid.pitch_m, run[-1] * solid.pitch_m) for run in runs]
+    half = 0.5 * grasp.width_m + _NEAR_M
+    held = [(low, high) for low, high in spans if low < half and high > -half]
+    if not held:
+        return None
+    return float(2.0 * max(max(abs(low), abs(high)) for low, high in held))
