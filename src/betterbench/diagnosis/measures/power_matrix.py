@@ -374,6 +374,22 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
     return packaged_power_matrix() if own is None else PowerMatrix.from_json(own.read_bytes(), where=str(own))
 
 
+def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
+    """Return the power matrix that comes with tasks without all other tasks, or None if no blind probe tried them.
+
+    Without tasks, the result is the packaged matrix.
+
+    Raises:
+        RecordError: If it is corrupt.
+    """
+    chosen = set(tasks)
+    matrix = power_matrix_of(chosen)
+    if matrix is None or not chosen:
+        return matrix
+    matrix = matrix.without({task for task, _ in matrix.variations} - chosen)
+    return matrix if matrix.blind_cells() else None
+
+
 @cache
 def packaged_power_matrix() -> PowerMatrix | None:
     """Return the power matrix that ships with the package, or None if this build has none.
