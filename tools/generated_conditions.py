@@ -46,7 +46,6 @@ from betterbench.sim.scenes.framing import (
     SIDE_PX,
     VISIBLE,
     FramingView,
-    ObjectFraming,
     asked_objects,
     least_margin_m,
 )

@@ -13,7 +13,6 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
 import generated_conditions as tool
-
 from betterbench.generation.building.proving import provisional
 from betterbench.tasks import get_task
 from betterbench.tasks.interventions import vary
