@@ -13,6 +13,7 @@ import pytest
 
 from betterbench.certification.certificate import CLAUSES, Clause, TrialCertificate
 from betterbench.certification.coverage import load_coverage
+from betterbench.diagnosis.measures.power_matrix import PowerCell, PowerMatrix
 from betterbench.errors import InvalidInputError
 from betterbench.generation.building import attempts as attempts_module
 from betterbench.generation.building import viewing
@@ -317,3 +318,20 @@ def test_no_text_of_a_scenario_is_markup_on_the_page_or_a_name_of_a_file(
     for result in built.results:
         form = {key: value for key, value in (result.task or {}).items() if key not in ("description", "title")}
         assert not any(text in json.dumps(form) for text in ("<script", "{{", "$(", "../")), "patterns word the rest"
+
+
+def test_a_variation_that_every_faulty_policy_solves_is_named_on_the_page(build, tmp_path: Path) -> None:
+    """``zoo:halt`` fails each new combination, so its failure shows nothing about the variation."""
+    built, _ = build([PACKING], failing())
+    (result,) = built.results
+    blind, sharp = (result.task_id, "L1"), (result.task_id, "R1")
+    solved, failed = PowerCell(1, 1, 1), PowerCell(0, 1, 0, wrong={"early_halt": 1}, failed={"early_halt": 1})
+    cells = {
+        "expert": {blind: solved, sharp: solved},
+        "zoo:lexical": {blind: solved, sharp: failed},
+        "zoo:halt": {blind: failed, sharp: failed},
+    }
+    power = PowerMatrix(cells, {blind: 0.5, sharp: 0.5}, {})
+    page = write_build_page(built, tmp_path / "suite.html", settings=Settings(2, 4), cards={}, power=power).read_text()
+    assert "L1 has no power: no faulty policy that was tried fails it, except zoo:halt" in page
+    assert "R1 has no power" not in page
