@@ -3,6 +3,8 @@
 Names the study, the picture to be written, and trials::
 
     python tools/finding_films.py STUDY PICTURE morning_coffee/L3/0 fruit_lunch/R1/0
+
+``--suite FOLDER`` loads the tasks of a study on a suite in a folder.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from betterbench.evaluation.figures.films import Shot, render_shots
 from betterbench.learning.study.outcomes import TrialOutcome, read_trials
 from betterbench.records import RunFolder
-from betterbench.tasks import TrialId
+from betterbench.tasks import TrialId, suite_tasks
 from judged_films import moments
 
 FRAMES, SIDE_PX, MARGIN_PX = 6, 220, 6
@@ -67,7 +69,10 @@ def main() -> None:
     parser.add_argument("trials", nargs="+", metavar="TASK/VARIATION/SEED")
     parser.add_argument("--arms", nargs=2, default=("confounded", "balanced"))
     parser.add_argument("--training-seed", type=int, default=0)
+    parser.add_argument("--suite", type=Path, help="folder of the suite, if its tasks are not packaged")
     given = parser.parse_args()
+    if given.suite is not None:
+        suite_tasks(str(given.suite))
     films = []
     for text in given.trials:
         task, condition, seed = text.split("/")

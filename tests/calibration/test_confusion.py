@@ -170,6 +170,7 @@ def test_the_page_and_the_tables_say_it_all(calibration, tmp_path):
     for text in ("84.6 % (11/13)", "14.3 % (1/7)", "zoo:y", "It did something.", "fast_food/T1", "causal confusion"):
         assert text in page
     assert "better calibrate --power" in write_calibration_page(calibration, tmp_path).read_text()
+    assert "these tasks; do it." in write_calibration_page(calibration, tmp_path, cure="do it").read_text()
     assert "<script" not in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert (tmp_path / "confusion.svg").read_text().count("<text") > 10

@@ -106,6 +106,9 @@ def test_the_certificate_in_the_folder_covers_a_run_and_its_report(better, run, 
     page = (run / "report" / "index.html").read_text()
     assert "covered by the certificate of the suite" in page
     assert "100.0 % (3/3)" in page[: page.index("covered by the certificate of the suite")][-60:]
+    measured = f"better calibrate --power --suite {certified} --out runs/power, and copy runs/power/power.json into"
+    assert f"does not contain {TASK}; measure it with {measured} {certified}." in page
+    assert f"Not measured on L1 of {TASK}; measure it with {measured} {certified}." in page
 
 
 def test_questions_are_about_the_tasks_of_the_folder(better, run, certified, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from tests.diagnosis.small_matrix import L1, LEXICAL, R1, T1, failing, matrix, solving
 
 from betterbench.diagnosis.failure_mode import exposed_labels
+from betterbench.diagnosis.measures import power_matrix
 from betterbench.diagnosis.measures.power_matrix import (
     BLIND,
     PowerCell,
@@ -200,3 +201,11 @@ def test_the_packaged_matrix_meets_the_targets_of_the_suite():
             assert {"zoo:lexical", "zoo:layout"} & set(found.failing(key)), key
     replays = [found.cell("probe:replay", key) for key in found.variations]
     assert sum(cell is not None and cell.k <= 0.25 * cell.n for cell in replays) >= 50
+
+
+def test_a_calibration_shows_the_blind_probes_of_its_own_tasks_alone(monkeypatch):
+    """The packaged matrix says nothing about a suite without one."""
+    monkeypatch.setattr(power_matrix, "power_matrix_of", lambda _tasks: matrix())
+    assert power_matrix.measured_on(["tidy_desk"]) is None
+    assert power_matrix.measured_on(["fast_food"]) == matrix()
+    assert power_matrix.measured_on([]) == matrix()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 from tests.diagnosis.small_matrix import L1, R1, T1, failing, matrix, solving
 
+from betterbench.diagnosis.measures import power_matrix
 from betterbench.diagnosis.measures import standing as standing_module
 from betterbench.diagnosis.measures.standing import standing_of
 from betterbench.diagnosis.verdict import Evidence, Label, RunDiagnosis, TrialDiagnosis
@@ -98,6 +100,21 @@ def test_a_stale_matrix_is_named_with_its_cure(versions):
     assert "another version of fast_food" in found.notice
     assert "better calibrate --power" in found.notice
     assert found.sentences() == (found.notice,)
+
+
+def test_a_task_of_a_suite_folder_is_measured_with_its_suite(monkeypatch):
+    """The command alone would measure the packaged suite, and its result would not be read for this folder."""
+    monkeypatch.setattr(power_matrix, "suite_folder_of", lambda tasks: Path("/my suites/lunch-0") if tasks else None)
+    said = standing_of(run({"T1": [True] * 4}), matrix()).notice
+    command = "better calibrate --power --suite '/my suites/lunch-0' --out runs/power"
+    assert f"does not contain fast_food; measure it with {command}, and copy runs/power/power.json into" in said
+    assert said.endswith("'/my suites/lunch-0'.")
+
+
+def test_a_task_of_a_file_is_told_that_only_suites_have_a_matrix(monkeypatch):
+    monkeypatch.setattr(power_matrix, "options_for", lambda tasks: " --task-file mine.py" if tasks else "")
+    said = standing_of(run({"T1": [True] * 4}), matrix()).notice
+    assert "write the task into a suite folder (docs/own-tasks.md)" in said
 
 
 def test_no_matrix_and_a_spoilt_one_are_named_and_nothing_breaks(monkeypatch):

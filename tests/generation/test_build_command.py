@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.border import guarded
-from betterbench.cli.verbs.build import build_command, read_scenarios
+from betterbench.cli.verbs import build as verb
+from betterbench.cli.verbs.build import PAGE, build_command, read_scenarios
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.generation.building import job
+from betterbench.generation.building.result import BuildReport
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario_form import scenario_to_json
 
@@ -87,3 +90,18 @@ def test_wrong_options_are_refused_before_the_folder_is_made(tmp_path: Path, opt
         guarded(build_command)((path,), out=tmp_path / "out", **options)
     assert said in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_page_is_there_while_the_power_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes hours for a large suite; after an interruption, the page and the cards exist."""
+    out = tmp_path / "out"
+    monkeypatch.setattr(job, "build_suite", lambda *_, **__: BuildReport((), out / "generated-0123456789ab"))
+    monkeypatch.setattr(verb, "_draw_cards", lambda *_: {})
+
+    def stopped(*_: object) -> None:
+        assert "Suite generated-0123456789ab" in (out / PAGE).read_text()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verb, "_measure_power", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        build_command((written(tmp_path, "001_packing.json"),), out=out, power=1)

@@ -13,17 +13,19 @@ import pytest
 
 from betterbench.certification.certificate import CLAUSES, Clause, TrialCertificate
 from betterbench.certification.coverage import load_coverage
+from betterbench.diagnosis.measures.power_matrix import PowerCell, PowerMatrix
 from betterbench.errors import InvalidInputError
 from betterbench.generation.building import attempts as attempts_module
+from betterbench.generation.building import viewing
 from betterbench.generation.building.job import build_suite
 from betterbench.generation.building.proving import Proof
-from betterbench.generation.building.result import BuildReport, Settings
+from betterbench.generation.building.result import BuildReport, Failure, Settings
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario import Scenario
 from betterbench.json_form import seal_of
 from betterbench.report.pages.build_page import write_build_page
 from betterbench.sim.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, Task, TrialId, read_suite_folder, task_names
+from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, get_task, read_suite_folder, task_names
 from betterbench.tasks.demonstrated import Demonstrated, read_demonstrations
 from betterbench.tasks.user_files import COMPANION_SUFFIX
 
@@ -51,6 +53,21 @@ def failing(*names: str) -> Fails:
 def certificate(task: Task, name: str, seed: int, failed: bool) -> TrialCertificate:
     clauses = {letter: Clause(not (failed and letter == "a"), "it slipped" if failed else "") for letter in CLAUSES}
     return TrialCertificate(task.id, name, name.startswith("train"), seed, clauses, 10, 100, 0.0, 0.0, 0.5, 1.0)
+
+
+@pytest.fixture(autouse=True)
+def in_view(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Returns names of conditions that the camera does not show; the other conditions are not drawn."""
+    hidden: set[str] = set()
+
+    def badly_framed(task: Task, conditions: tuple[Condition, ...], *, seeds: int) -> tuple[Failure, ...]:
+        assert task.id in task_names()
+        assert seeds == 2
+        names = [c.name for c in conditions if c.name in hidden]
+        return tuple(Failure(name, (0,), viewing.CLAUSE, viewing.MEANING, "cup is 9 px long") for name in names)
+
+    monkeypatch.setattr(attempts_module, "badly_framed", badly_framed)
+    return hidden
 
 
 @pytest.fixture
@@ -109,6 +126,52 @@ def test_other_slots_are_tried_when_training_fails(build) -> None:
     assert [a.change for a in result.attempts] == ["as described", "other slots"]
     assert result.attempts[0].failures[0].condition == "train1"
     assert len(runs) == 2
+
+
+def test_a_task_whose_training_is_not_in_view_is_refused_before_the_certificate(build, in_view: set[str]) -> None:
+    in_view.add("train2")
+    built, runs = build([ARRANGING], failing())
+    (result,) = built.results
+    assert not result.certified
+    assert runs == []
+    assert result.attempts[0].reason == "a training condition is not in view"
+    assert [(f.condition, f.clause, f.text) for f in result.attempts[0].failures] == [
+        ("train2", "view", "cup is 9 px long")
+    ]
+    assert "three times the demonstrations" not in {a.change for a in result.attempts}
+
+
+def test_a_variation_that_is_not_in_view_is_left_out(build, in_view: set[str], tmp_path: Path) -> None:
+    in_view.add("L1")
+    built, _ = build([PACKING], failing("R1"))
+    (result,) = built.results
+    assert result.certified
+    assert [(f.condition, f.clause) for f in result.left_out] == [("R1", "a"), ("L1", "view")]
+    assert {"L1", "R1"}.isdisjoint({v["name"] for v in result.task["variations"]})
+    page = write_build_page(built, tmp_path / "suite.html", settings=Settings(2, 4), cards={}).read_text()
+    assert "left out: L1, seed 0, clause (view), the front camera shows every object of the instruction" in page
+
+
+@pytest.mark.render
+def test_what_the_camera_shows_too_small_or_not_at_all_is_named() -> None:
+    """In turn: condition 0 at seed 0, condition 1 at seed 1, condition 2 at seed 0."""
+    task = get_task("fruit_lunch")
+    assert viewing.badly_framed(task, task.training, seeds=2) == ()
+    slot = task.training[0].layout["apple"]
+    moved = tuple(dataclasses.replace(s, x=0.45, y=-0.95) if s.name == slot else s for s in task.slots)
+    conditions = (task.training[0], task.training[1], task.training[0])
+    found = viewing.badly_framed(dataclasses.replace(task, slots=moved), conditions, seeds=2)
+    assert [f.seeds for f in found] == [(0,), (1,), (0,)]
+    assert all(f.clause == viewing.CLAUSE for f in found)
+    assert "0% of apple is visible, and 60% are needed" in found[0].text
+    assert "mm from the edge of the image, and 8 are needed" in found[0].text
+    objects = tuple(
+        dataclasses.replace(o, category="block", color="red") if o.name == "apple" else o
+        for o in task.training[0].objects
+    )
+    small = dataclasses.replace(task.training[0], objects=objects)
+    (fault,) = viewing.badly_framed(task, [small], seeds=1)
+    assert re.fullmatch(r"apple is (19|2[0-3]) px long in the image, and 24 are needed", fault.text)
 
 
 def test_more_demonstrations_are_measured_when_a_pose_is_outside_of_training(monkeypatch, tmp_path: Path) -> None:
@@ -262,3 +325,20 @@ def test_no_text_of_a_scenario_is_markup_on_the_page_or_a_name_of_a_file(
     for result in built.results:
         form = {key: value for key, value in (result.task or {}).items() if key not in ("description", "title")}
         assert not any(text in json.dumps(form) for text in ("<script", "{{", "$(", "../")), "patterns word the rest"
+
+
+def test_a_variation_that_every_faulty_policy_solves_is_named_on_the_page(build, tmp_path: Path) -> None:
+    """``zoo:halt`` fails each new combination, so its failure shows nothing about the variation."""
+    built, _ = build([PACKING], failing())
+    (result,) = built.results
+    blind, sharp = (result.task_id, "L1"), (result.task_id, "R1")
+    solved, failed = PowerCell(1, 1, 1), PowerCell(0, 1, 0, wrong={"early_halt": 1}, failed={"early_halt": 1})
+    cells = {
+        "expert": {blind: solved, sharp: solved},
+        "zoo:lexical": {blind: solved, sharp: failed},
+        "zoo:halt": {blind: failed, sharp: failed},
+    }
+    power = PowerMatrix(cells, {blind: 0.5, sharp: 0.5}, {})
+    page = write_build_page(built, tmp_path / "suite.html", settings=Settings(2, 4), cards={}, power=power).read_text()
+    assert "L1 has no power: no faulty policy that was tried fails it, except zoo:halt" in page
+    assert "R1 has no power" not in page

@@ -90,14 +90,14 @@ def test_a_suite_without_tasks_or_with_another_name_is_refused():
 
 
 def test_commands_take_the_folder(suite, tmp_path):
-    """As ``--suite`` and as ``--task-file``; messages name the folder and not each of its files."""
+    """As ``--suite`` and as ``--task-file``; messages name ``--suite`` and the folder, and not each of its files."""
     out = tmp_path / "run"
     command = [sys.executable, "-m", "betterbench.cli", "eval", "--policy", "noop", "--suite", str(suite)]
     command += ["--variations", "shared_fruit_lunch/O1", "--trials", "1", "--uncertified", "--workers", "1"]
     alone = {name: value for name, value in os.environ.items() if name != VARIABLE}  # without files of other tests
     done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=False, env=alone)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"--task-file {suite}" in " ".join((done.stdout + done.stderr).split())
+    assert f"better report {out} --suite {suite}" in " ".join((done.stdout + done.stderr).split())
     assert len(list((out / "task_files").iterdir())) == 2
     said = [sys.executable, "-m", "betterbench.cli", "diagnose", str(out), "--task-file", str(suite), "--json"]
     shown = json.loads(subprocess.run(said, capture_output=True, text=True, check=True, env=alone).stdout)
@@ -131,3 +131,33 @@ def test_commands_for_others_name_the_folder_without_its_place(suite):
     clean = {name: value for name, value in os.environ.items() if name != VARIABLE}  # of other tests
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
     assert done.stdout == f"('--task-file', '{suite.name}') ()\n", done.stderr
+
+
+OPTIONS = (
+    "import sys; from betterbench.tasks.user_files import load_task_files, options_for, suite_folder_of; "
+    "load_task_files(sys.argv[1:]); print(options_for(['shared_fruit_lunch']).strip()); "
+    "print(suite_folder_of(['shared_fruit_lunch']), suite_folder_of(['fast_food']), suite_folder_of([]), "
+    "suite_folder_of(['shared_fruit_lunch', 'fast_food']))"
+)
+
+
+def options_with(*folders):
+    clean = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    words = [sys.executable, "-c", OPTIONS, *map(str, folders)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+def test_messages_name_the_suite_option_for_one_suite_and_files_for_several(suite, tmp_path):
+    """``--suite`` can be given once."""
+    advised, folders = options_with(suite)
+    assert advised == f"--suite {suite}"
+    assert folders.split() == [str(suite), "None", "None", "None"]
+    form = dict(forms()["shared_fruit_lunch"], id="other_lunch")
+    name, files = suite_files("other", {"other_lunch": form})
+    other = tmp_path / name
+    for path, content in files.items():
+        (other / path).parent.mkdir(parents=True, exist_ok=True)
+        (other / path).write_bytes(content)
+    assert options_with(suite, other)[0] == f"--task-file {suite} --task-file {other}"

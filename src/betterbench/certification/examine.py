@@ -45,8 +45,8 @@ PENETRATION_M = 0.0015
 
 
 @dataclass(frozen=True, slots=True)
-class _Start:
-    """Finding on clause (c), with the largest overlap and the largest drift of the initial state."""
+class InitialRest:
+    """Finding on clause (c), with the largest overlap and the largest drift of the initial state [mm]."""
 
     clause: Clause
     penetration_mm: float
@@ -83,10 +83,10 @@ def examine_condition(
     """Return the findings on one seed of a condition, registered or not."""
     began = time.perf_counter()
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks)
-    start = _at_rest(scene)
+    start = examine_rest(scene)
     state = scene.reset(check_premise=False)
     premise = _premise(condition, state)
-    grasps, margin = _reachable(scene, condition, state)
+    grasps, margin = planned_grasps(scene, state)
     episode = _expert(scene)
     slacks = [f.slack_m for f in episode.found if f.slack_m is not None]
     return TrialCertificate(
@@ -114,11 +114,12 @@ def examine_condition(
     )
 
 
-def _at_rest(scene: Scene) -> _Start:
-    """Check the initial state for 0.2 s without moving the arm."""
+def examine_rest(scene: Scene, *, steps: int = REST_STEPS) -> InitialRest:
+    """Check the initial state of a trial for some control steps without moving the arm."""
     before = scene.reset(check_premise=False)
+    span = f"in {steps / scene.control_rate_hz:g} s"
     deepest, where = _penetration(scene)
-    for _ in range(REST_STEPS):
+    for _ in range(steps):
         scene.step(np.zeros(EE_DELTA.dim))
     after = scene.state()
     drifts = [distance(a, b) for a, b in zip(before.positions, after.positions, strict=True)]
@@ -127,11 +128,11 @@ def _at_rest(scene: Scene) -> _Start:
     if deepest > PENETRATION_M:
         problems.append(f"{where} overlap by {1000 * deepest:.2f} mm at the start")
     if drift >= DRIFT_M:
-        problems.append(f"{after.info.objects[drifts.index(drift)].name} moves by {1000 * drift:.2f} mm in 0.2 s")
+        problems.append(f"{after.info.objects[drifts.index(drift)].name} moves by {1000 * drift:.2f} mm {span}")
     for o, was, now in zip(after.info.objects, before.quaternions, after.quaternions, strict=True):
         if (turned := angle_between(was, now)) > THRESHOLDS.rest_turn:
-            problems.append(f"{o.name} turns by {math.degrees(turned):.1f} degrees in 0.2 s")
-    return _Start(
+            problems.append(f"{o.name} turns by {math.degrees(turned):.1f} degrees {span}")
+    return InitialRest(
         Clause(not problems, "; ".join(problems)), round(1000.0 * max(deepest, 0.0), 4), round(1000.0 * drift, 4)
     )
 
@@ -178,8 +179,14 @@ def _shut_targets(condition: Condition) -> tuple[str, ...]:
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 
 
-def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp of each instructed object; return why it failed (or None) and the smallest joint margin [rad]."""
+def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | None], float | None]:
+    """Plan a grasp of each instructed object that is not at its goal yet.
+
+    Returns:
+        Per object, the reason why no grasp was found, or None; and the smallest distance between an arm joint and its
+        limit in the planned grasps [rad], None without one. A drawer has a reason, because its handle is not planned.
+    """
+    condition = scene.condition
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
     low, high = np.asarray(scene.compiled.robot.joint_low), np.asarray(scene.compiled.robot.joint_high)
     reasons: dict[str, str | None] = {}

@@ -339,16 +339,22 @@ def explaining(kind: str, name: str) -> Iterator[None]:
         yield
 
 
+def suite_folder_of(tasks: Iterable[str]) -> Path | None:
+    """Return the folder of the suite that defines all these tasks, or None if they are not of one folder."""
+    origins = {_origins.get(("task", task)) for task in tasks}
+    files = {None if origin is None else _files.get(origin.path) for origin in origins}
+    folders = {None if file is None else file.suite for file in files}
+    folder = folders.pop() if len(folders) == 1 else None
+    return None if folder is None else Path(folder)
+
+
 def suite_file(tasks: Iterable[str], name: str) -> Path | None:
     """Return a file in the folder of the suite that defines all these tasks, or None.
 
     The result is None if the tasks are not of one folder, or if the folder does not contain the file.
     """
-    origins = {_origins.get(("task", task)) for task in tasks}
-    files = {None if origin is None else _files.get(origin.path) for origin in origins}
-    folders = {None if file is None else file.suite for file in files}
-    folder = folders.pop() if len(folders) == 1 else None
-    path = None if folder is None else Path(folder) / name
+    folder = suite_folder_of(tasks)
+    path = None if folder is None else folder / name
     return path if path is not None and path.is_file() else None
 
 
@@ -393,8 +399,14 @@ def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
 
 
 def loading_options() -> str:
-    """Return the options that load all files loaded in this process, with a leading space."""
-    return "".join(f" {option}" for option in dict.fromkeys(file.option for file in _files.values()))
+    """Return the options that load all files loaded in this process, with a leading space.
+
+    A suite is named by ``--suite``, which a command takes once; several suites are named by ``--task-file``.
+    """
+    suites = {file.suite for file in _files.values() if file.suite is not None}
+    suite = f"--suite {shell_word(suites.pop())}" if len(suites) == 1 else None
+    options = (suite if suite is not None and file.suite is not None else file.option for file in _files.values())
+    return "".join(f" {option}" for option in dict.fromkeys(options))
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:

@@ -115,6 +115,9 @@ def test_a_condition_that_nobody_demonstrated_is_named_with_the_command_that_dem
     monkeypatch.setattr(production, "TELEOPERATED", "demonstrator:expert")  # as if a person had given them
     with pytest.raises(InvalidInputError, match=f"{missing}.*better teleop --tasks morning_coffee --out '.*by hand'"):
         amplify(copy, tmp_path / "out", demos=1)
+    monkeypatch.setattr(production, "options_for", lambda tasks: f" --suite {tasks[0]}s")  # as if it were of a suite
+    with pytest.raises(InvalidInputError, match="better teleop --suite morning_coffees --tasks morning_coffee --out"):
+        amplify(copy, tmp_path / "out", demos=1)
 
 
 def test_bad_input_is_one_clear_error(sources, tmp_path):

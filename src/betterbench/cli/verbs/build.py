@@ -149,7 +149,9 @@ def build_and_tell(
         cards, matrix = {}, None
         if built.suite is not None:
             cards = _draw_cards(built, out)
-            matrix = _measure_power(built, out, power, processes) if power else None
+            if power:  # the power takes longest, and the suite can be used and looked at before
+                say(f"page without power: {write_build_page(built, out / PAGE, settings=settings, cards=cards)}")
+                matrix = _measure_power(built, out, power, processes)
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
 

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.installation import calibration_module
+from betterbench.quoting import shell_word
 
 STRENGTHS = (1.0, 0.6, 0.3)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from betterbench.calibration import CalibrationProgress
     from betterbench.diagnosis.measures.confusion import Calibration
@@ -99,7 +100,7 @@ def calibrate_command(
             found = _family(family).calibrate_independent(
                 family, out, trials=trials or 4, seed=seed, workers=count, on_progress=told
             )
-        page = _store(found, out, family, films=films, write_package=write_package)
+        page = _store(found, out, family, tasks=tasks, films=films, write_package=write_package)
     if json:
         print_json(found.to_json())
         return
@@ -147,6 +148,7 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
     """Measure the power matrix, write it and its page, and print a summary."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.cli.output.calibration import print_power
+    from betterbench.tasks.user_files import suite_folder_of
 
     with _progress("power matrix") as told:
         found = measure_power(power_trials(tasks), out, workers=workers, on_progress=told)
@@ -156,6 +158,10 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
         return
     print_power(found)
     OUT.print(f"page        {page}\nmatrix      {out / 'power.json'}", markup=False, soft_wrap=True)
+    folder = suite_folder_of(tasks)
+    if folder is not None:
+        copied = f"cp {shell_word(str(out / 'power.json'))} {shell_word(str(folder))}"
+        OUT.print(f"next        {copied}, which the reports of this suite then use", markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -184,11 +190,13 @@ def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, partly: 
     return write_power_page(found, out)
 
 
-def _store(found: Calibration, out: Path, family: str, *, films: int, write_package: bool) -> Path:
+def _store(
+    found: Calibration, out: Path, family: str, *, tasks: Sequence[str], films: int, write_package: bool
+) -> Path:
     """Write a calibration, also into the package if requested, and return the path of its page."""
     from betterbench.cli.output.calibration import film_strips
     from betterbench.diagnosis.measures.confusion import packaged_file
-    from betterbench.diagnosis.measures.power_matrix import packaged_power_matrix
+    from betterbench.diagnosis.measures.power_matrix import measured_on, power_cure
     from betterbench.jobs import write_durably
     from betterbench.report.pages.calibration_page import write_calibration_page
 
@@ -199,4 +207,6 @@ def _store(found: Calibration, out: Path, family: str, *, films: int, write_pack
             write_durably(folder / packaged_file(family), text)
             say(f"packaged calibration: {folder / packaged_file(family)}")
     strips = film_strips(found.wrong[:films], out)
-    return write_calibration_page(found, out, family=family, power=packaged_power_matrix(), strips=strips)
+    return write_calibration_page(
+        found, out, family=family, power=measured_on(tasks), cure=power_cure(tasks), strips=strips
+    )

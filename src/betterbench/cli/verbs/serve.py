@@ -63,6 +63,7 @@ def serve_command(
     from betterbench.evaluation.serving.server import DEFAULT_CHUNK
     from betterbench.policies.batching import MAX_BATCH
     from betterbench.policies.serving.server import MAX_CLIENTS
+    from betterbench.tasks.user_files import loading_options
 
     trial = chosen_trial(task, condition, seed)
     key = _key(api_key_env)
@@ -82,10 +83,11 @@ def serve_command(
     )
     if api_key_env is None and host not in ("127.0.0.1", "localhost", "::1"):
         say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
+    evaluation = f"better eval --policy {shell_word(server.address)}{loading_options()} --trials 3"
     with _connections_logged(), stopped_by_signal() as stopped, server:
         OUT.print(
             f"serving {policy} at {server.address}\n"
-            f"evaluate    better eval --policy {shell_word(server.address)} --trials 3\n"
+            f"evaluate    {evaluation}\n"
             f"or call     openpi_client's WebsocketClientPolicy(host={server.client_host!r}, port={server.port})\n"
             "Ctrl-C stops.",
             markup=False,

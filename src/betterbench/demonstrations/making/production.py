@@ -63,7 +63,7 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.interventions.regimes import Regime, in_regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.trial import Trial
-from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files, options_for
 
 logger = logging.getLogger(__name__)
 
@@ -351,9 +351,10 @@ def _check_sources(run: RunFolder, task: Task) -> None:
     library = load_library(run, task.id)
     for condition in task.training:
         if not library.of_condition(condition.name):
-            cure = f"Collect some: better collect --tasks {task.id} --out RUN"
+            chosen = f"{options_for([task.id])} --tasks {task.id}"
+            cure = f"Collect some: better collect{chosen} --out RUN"
             if run.plan["policy"] == TELEOPERATED:
-                cure = f"Demonstrate it too: better teleop --tasks {task.id} --out {shell_word(run.path)}"
+                cure = f"Demonstrate it too: better teleop{chosen} --out {shell_word(run.path)}"
             raise InvalidInputError(str(run.path), f"it contains no demonstration of {condition.id}", cure)
 
 

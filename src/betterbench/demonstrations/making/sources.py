@@ -18,6 +18,7 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.placing import foot_offset
+from betterbench.tasks.user_files import options_for
 
 SAME_GRASP_M = 0.04
 """Maximum distance of a grasp from an annotated grasp to be identified with it [m]."""
@@ -154,7 +155,7 @@ def load_library(run: RunFolder, task: str) -> Library:
         if record.outcome.success:
             found.append(demonstrated_source(record))
     if not found:
-        cure = f"Collect some: better collect --tasks {task} --out RUN"
+        cure = f"Collect some: better collect{options_for([task])} --tasks {task} --out RUN"
         raise InvalidInputError(str(run.path), f"it contains no successful demonstration of {task}", cure)
     return Library(sorted(found, key=lambda s: s.trial))
 

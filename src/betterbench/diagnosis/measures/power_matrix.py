@@ -22,17 +22,16 @@ from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.json_form import open_form, open_seal, read_form, sealed_form
+from betterbench.quoting import shell_word
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks import Expected, Label, Task, get_task
 from betterbench.tasks.interventions import vary
 from betterbench.tasks.suite_folder import POWER
-from betterbench.tasks.user_files import suite_file
+from betterbench.tasks.user_files import options_for, suite_file, suite_folder_of
 
 PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, in the folder ``data``."""
-CURE = "measure it again with better calibrate --power"
-
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
 """The rule that stops at every new combination of instruction and scene. It fails every variation alike."""
@@ -47,6 +46,20 @@ _OF_TASK = ("task_version:", "conditions:")
 
 Key = tuple[str, str]
 """Key of a variation: task and name."""
+
+
+def power_cure(tasks: Iterable[str]) -> str:
+    """Return what to do to get the power matrix of tasks, as the end of a sentence without a full stop."""
+    chosen = tuple(tasks)
+    folder = suite_folder_of(chosen)
+    if folder is not None:
+        suite = shell_word(str(folder))
+        measured = f"measure it with better calibrate --power --suite {suite} --out runs/power"
+        return f"{measured}, and copy runs/power/{POWER} into {suite}"
+    if options_for(chosen):
+        measured = "measure it with better calibrate --power --suite FOLDER"
+        return f"write the task into a suite folder (docs/own-tasks.md), and {measured}"
+    return "measure it again with better calibrate --power"
 
 
 @open_form
@@ -358,7 +371,23 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
         RecordError: If it is corrupt.
     """
     own = suite_file(tasks, POWER)
-    return packaged_power_matrix() if own is None else PowerMatrix.from_json(own.read_bytes())
+    return packaged_power_matrix() if own is None else PowerMatrix.from_json(own.read_bytes(), where=str(own))
+
+
+def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
+    """Return the power matrix that comes with tasks without all other tasks, or None if no blind probe tried them.
+
+    Without tasks, the result is the packaged matrix.
+
+    Raises:
+        RecordError: If it is corrupt.
+    """
+    chosen = set(tasks)
+    matrix = power_matrix_of(chosen)
+    if matrix is None or not chosen:
+        return matrix
+    matrix = matrix.without({task for task, _ in matrix.variations} - chosen)
+    return matrix if matrix.blind_cells() else None
 
 
 @cache

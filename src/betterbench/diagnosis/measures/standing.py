@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from betterbench.diagnosis.measures.power_matrix import CURE, EXPERT, Ceiling, Key, PowerMatrix, power_matrix_of
+from betterbench.diagnosis.measures.power_matrix import EXPERT, Ceiling, Key, PowerMatrix, power_cure, power_matrix_of
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.statistics import Difference, Rate, newcombe_difference, paired_bootstrap
@@ -140,7 +140,8 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
         except RecordError as error:
             return _without(len(varied), f"The power matrix of the suite cannot be read: {error}")
     if matrix is None:
-        return _without(len(varied), f"This build has no power matrix, so there are no reference lines; {CURE}.")
+        cure = power_cure({t.task for t in varied})
+        return _without(len(varied), f"This build has no power matrix, so there are no reference lines; {cure}.")
     mine = {t.task for t in varied}
     stale = [task for task in matrix.stale_tasks(diagnosis.versions) if task in mine]
     matrix = matrix.without(stale)
@@ -225,7 +226,10 @@ def _notice(stale: Sequence[str], unknown: Sequence[str]) -> str:
         parts.append(f"it was measured on another version of {listed(stale)}")
     if unknown:
         parts.append(f"it does not contain {listed(unknown)}")
-    return f"The power matrix does not cover all trials of this run: {' and '.join(parts)}; {CURE}." if parts else ""
+    if not parts:
+        return ""
+    cure = power_cure((*stale, *unknown))
+    return f"The power matrix does not cover all trials of this run: {' and '.join(parts)}; {cure}."
 
 
 def _said(standing: Standing) -> Iterator[str]:

@@ -14,6 +14,7 @@ from betterbench.generation.building.casting import cast_of
 from betterbench.generation.building.choice import Choice
 from betterbench.generation.building.proving import Proof, prove, provisional, without
 from betterbench.generation.building.result import Attempt, Failure, Settings
+from betterbench.generation.building.viewing import badly_framed
 from betterbench.generation.patterns import GeneratedTask, pattern_of
 from betterbench.generation.scenario import Scenario
 from betterbench.generation.sense import require_groups
@@ -22,6 +23,8 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks import Task, task_to_json
 from betterbench.tasks.authoring.regimes import ListedRegime
 from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.tasks.demonstrated import measured_so_far
+from betterbench.tasks.interventions import vary
 
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 """Smallest numbers of variations of a task, and of axes among them."""
@@ -115,12 +118,20 @@ def build_task(
                 continue
             with provisional(task) as known:
                 task_to_json(known)  # a task that cannot be written is refused before the long examination
+                unseen = badly_framed(known, known.training, seeds=settings.seeds)
+                if unseen:
+                    attempts.append(Attempt(change.words, "a training condition is not in view", unseen))
+                    continue
                 number = max(settings.demonstrations, len(known.training)) * change.demonstrations
                 proof = prove(known, settings.seeds, number)
+                proven = without(known, [f.condition for f in proof.failures])
+                with measured_so_far(known.id, proof.demonstrated):
+                    varied = [vary(known, v)[0] for v in proven.variations]
+                    unseen = badly_framed(known, varied, seeds=settings.seeds)
         except BetterError as error:
             attempts.append(Attempt(change.words, one_line(str(error), most=600)))
             continue
-        failures = proof.failures
+        failures = (*proof.failures, *unseen)
         reduced = without(known, [f.condition for f in failures])
         trained = all(f.condition not in {c.name for c in known.training} for f in failures)
         lacking = _lacking(reduced) if trained else "a training condition is not certified"

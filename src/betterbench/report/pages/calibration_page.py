@@ -28,12 +28,13 @@ def write_calibration_page(
     *,
     family: str = "faulty",
     power: PowerMatrix | None = None,
+    cure: str = "measure it again with better calibrate --power",
     strips: Mapping[tuple[str, str], bytes] | None = None,
 ) -> Path:
     """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
 
-    With a power matrix, the page also shows which variations can be solved without vision or instruction; ``strips``
-    are film strips (JPEG) of trials with a wrong label, by policy and trial.
+    With a power matrix, the page also shows which variations can be solved without vision or instruction; otherwise it
+    names the ``cure``. ``strips`` are film strips (JPEG) of trials with a wrong label, by policy and trial.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
@@ -52,6 +53,7 @@ def write_calibration_page(
         scores=calibration.scores(),
         blind=blind_sentences(power.blind_cells()) if power is not None else (),
         table=blind_table(power) if power is not None else None,
+        cure=cure,
         kinds=KINDS,
     )
     return write(out / "calibration.html", page)

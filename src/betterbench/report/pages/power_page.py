@@ -7,7 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from betterbench.diagnosis.measures.power_matrix import BLIND, CURE, FLOOR, BlindCell, Key, PowerCell, PowerMatrix
+from betterbench.diagnosis.measures.power_matrix import (
+    BLIND,
+    FLOOR,
+    BlindCell,
+    Key,
+    PowerCell,
+    PowerMatrix,
+    power_cure,
+)
 from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
 from betterbench.errors import UnknownNameError
 from betterbench.quoting import markdown_code, markdown_table, markdown_text
@@ -84,7 +92,7 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
     said = [f"{failed}.", f"{blindly}.", *blind_sentences(matrix.blind_cells())]
     stale = matrix.stale_tasks()
     if stale:
-        said.append(f"It was measured on another version of {listed(list(stale))}; {CURE}.")
+        said.append(f"It was measured on another version of {listed(list(stale))}; {power_cure(stale)}.")
     return tuple(said)
 
 

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Sequence
 from betterbench.certification.coverage import coverage_of, parse_ranges
 from betterbench.diagnosis import Calibration, RunDiagnosis, packaged_calibration
 from betterbench.diagnosis.measures.confusion import CLAIMED
-from betterbench.diagnosis.measures.power_matrix import CURE, power_matrix_of
+from betterbench.diagnosis.measures.power_matrix import power_cure, power_matrix_of
 from betterbench.report.outcomes import is_abroad
 from betterbench.report.pages.calibration_page import calibration_summary, rate_text
 from betterbench.report.pages.power_page import flagged, redundant
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed, points
-from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks import SUITE_VERSION, Expected, get_task
 from betterbench.tasks.worlds.facts import facts_of_task
 
 
@@ -45,23 +45,45 @@ def _blind(ran: set[str]) -> dict[str, str]:
     """Return a statement on the variations of the run that can be solved blind."""
     matrix = power_matrix_of(_tasks(ran))
     if matrix is None:
-        return {"Blind probes": f"This build contains no power matrix; {CURE}."}
+        return {"Blind probes": f"This build contains no power matrix; {power_cure(_tasks(ran))}."}
     cells = matrix.without(matrix.stale_tasks()).blind_cells()
+    tried = {f"{cell.task}/{cell.variation}" for cell in cells}
+    missing = sorted(name for name in ran - tried if _requires_action(name))
     blind: dict[str, list[str]] = {}
     for cell in flagged(cells):
         if f"{cell.task}/{cell.variation}" in ran:
             name = f"{cell.task}/{cell.variation} ({cell.rate.k}/{cell.rate.n})"
             blind.setdefault(cell.pretender.rpartition(":")[2], []).append(name)
-    facts = {
-        "Blind probes": "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
-        + " more often than by chance, so success on these variations is weaker evidence."
-        if blind
-        else "No variation of this run is solved without images, instruction or aim more often than by chance."
-    }
+    said = [f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items())]
+    told = []
+    if said:
+        reason = "more often than by chance, so success on these variations is weaker evidence"
+        told.append(f"{'; '.join(said)} {reason}.")
+    elif ran & tried or not missing:
+        told.append("No variation of this run is solved without images, instruction or aim more often than by chance.")
+    if missing:
+        told.append(f"Not measured on {_by_task(missing)}; {power_cure(_tasks(missing))}.")
+    facts = {"Blind probes": " ".join(told)}
     alone = [name for name in redundant(cells) if name in ran]
     if alone:
         facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}, so it is redundant there."
     return facts
+
+
+def _requires_action(name: str) -> bool:
+    """Return whether a condition, by its name ("fast_food/T1"), is a variation in which something is to be done."""
+    task, _, variation = name.partition("/")
+    found = [v for v in get_task(task).variations if v.name == variation]
+    return bool(found) and found[0].expected is Expected.SUCCEED
+
+
+def _by_task(names: Sequence[str]) -> str:
+    """Return variations by task in words ("L1, L2 of fast_food and O1 of tidy_desk")."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        task, _, variation = name.partition("/")
+        groups.setdefault(task, []).append(variation)
+    return listed([f"{', '.join(group)} of {task}" for task, group in groups.items()])
 
 
 def _tasks(names: Iterable[str]) -> set[str]:

@@ -156,6 +156,30 @@ class FramingView:
             model.geom_rgba[:], model.geom_matid[:], model.cam_fovy[camera] = rgba, materials, angle
 
 
+def framing_faults(scene: Scene) -> tuple[str, ...]:
+    """Return what the front camera shows worse than the limits at the start of a trial, in words."""
+    view = FramingView(scene)
+    try:
+        shown = view.start()
+    finally:
+        view.close()
+    found = []
+    if shown.gripper_px < GRIPPER_PX:
+        found.append(f"the gripper covers {shown.gripper_px} px, and {GRIPPER_PX:g} are needed")
+    if shown.background > BACKGROUND:
+        found.append(f"{shown.background:.0%} of the image is background, and {BACKGROUND:.0%} are allowed")
+    for asked in shown.asked:
+        if asked.visible < VISIBLE:
+            found.append(f"{asked.visible:.0%} of {asked.name} is visible, and {VISIBLE:.0%} are needed")
+        elif asked.side_px < SIDE_PX:
+            found.append(f"{asked.name} is {asked.side_px:.0f} px long in the image, and {SIDE_PX:g} are needed")
+    margin = least_margin_m(scene)
+    if margin < MARGIN_M:
+        needed = f"{1e3 * MARGIN_M:g} are needed"
+        found.append(f"a slot or target is {1e3 * margin:.0f} mm from the edge of the image, and {needed}")
+    return tuple(found)
+
+
 def asked_objects(condition: Condition) -> tuple[str, ...]:
     """Return the scene names of the objects in an instruction's steps, in order."""
     names: dict[str, None] = {}

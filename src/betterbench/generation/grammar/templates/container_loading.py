@@ -36,7 +36,7 @@ GRAMMAR = register(
                 (
                     "Putting toy blocks away",
                     "playroom",
-                    Group((Pool(("block",), 2, by_color=True),)),
+                    Group((Pool(("round_block",), 2, by_color=True),)),
                     ("Put the toy blocks into the drawers of the {cabinet}.", "Put the toys away in the {cabinet}."),
                 ),
                 (
@@ -60,7 +60,7 @@ GRAMMAR = register(
                 (
                     "Stocking a craft cabinet",
                     "craft room",
-                    several(2, "tape_roll", "block", "stapler"),
+                    several(2, "tape_roll", "round_block", "stapler"),
                     (
                         "Put the craft supplies into the drawers of the {cabinet}.",
                         "Stock the drawers of the {cabinet} with craft supplies.",

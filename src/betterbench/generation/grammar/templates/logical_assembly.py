@@ -1,10 +1,9 @@
-"""Contexts of logical assembly: burgers, and towers of toy blocks."""
+"""Contexts of logical assembly: burgers, and towers of round blocks."""
 
 from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, one, register
 from betterbench.tasks.authoring.templates import LOGICAL_ASSEMBLY
 
 _BURGER = Group(tuple(Pool((layer,)) for layer in ("patty", "cheese_slice", "lettuce_leaf", "bun_top")))
-_BLOCKS = Group((Pool(("block",), 4, by_color=True),))
 _CYLINDERS = Group((Pool(("round_block",), 4, by_color=True),))
 
 GRAMMAR = register(
@@ -18,12 +17,6 @@ GRAMMAR = register(
                 "kitchen",
                 ("Build a cheeseburger on the {base}.", "Assemble a cheeseburger on the {base}."),
                 {"base": one("bun_bottom"), "layers": _BURGER},
-            ),
-            Theme(
-                "Building a block tower",
-                "playroom",
-                ("Build a tower of toy blocks on the {base}.", "Stack the toy blocks on the {base}."),
-                {"base": one("place_plate"), "layers": _BLOCKS},
             ),
             Theme(
                 "Stacking round blocks",

@@ -39,7 +39,7 @@ GRAMMAR = register(
                 ("Pack the order into the {container}.", "Put the takeaway order into the {container}."),
                 {
                     "container": _TAKEAWAY,
-                    "items": several(3, "burger", "fries_box", "drink_cup", "sauce_cup", "can"),
+                    "items": several(3, "burger", "fries_box", "drink_cup", "can"),
                 },
             ),
             Theme(
@@ -54,7 +54,7 @@ GRAMMAR = register(
                 ("Pack the cookout supplies into the {container}.", "Pack the {container} for the cookout."),
                 {
                     "container": one("takeaway_box", "lunchbox"),
-                    "items": several(3, "salt_shaker", "sauce_cup", "jam_jar", "lemon"),
+                    "items": several(3, "salt_shaker", "jam_jar", "lemon"),
                 },
             ),
             Theme(
@@ -63,14 +63,14 @@ GRAMMAR = register(
                 ("Throw the trash into the {container}.", "Put the trash into the {container}."),
                 {
                     "container": _BIN,
-                    "items": Group((Pool(("crumpled_napkin",)), Pool(("sauce_cup", "patty", "lettuce_leaf"), 2))),
+                    "items": Group((Pool(("crumpled_napkin",)), Pool(("patty", "lettuce_leaf"), 2))),
                 },
             ),
             Theme(
                 "Cleaning up after a cookout",
                 "backyard table",
                 ("Throw the trash into the {container}.", "Toss the trash into the {container}."),
-                {"container": _BIN, "items": several(3, "crushed_can", "sauce_cup", "patty")},
+                {"container": _BIN, "items": several(3, "crushed_can", "crumpled_napkin", "patty")},
             ),
             Theme(
                 "Clearing out the bathroom",
