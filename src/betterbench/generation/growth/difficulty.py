@@ -1,0 +1,37 @@
+"""Difficulty of a certified task, measured by the time that the expert needs."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable
+from enum import StrEnum
+
+from betterbench.certification.certificate import TrialCertificate
+from betterbench.sim.scenes import CONTROL_RATE_HZ
+
+
+class Difficulty(StrEnum):
+    """Level of difficulty of a task; see :func:`difficulty_of`."""
+
+    EASY = "easy"
+    MEDIUM = "medium"
+    HARD = "hard"
+
+
+EASY_BELOW_S, HARD_FROM_S = 11.0, 16.0
+"""Median times of the expert that separate the levels [s]. About 11 s are one pick and placement with a drawer or an
+alignment, or two quick picks; 16 s are two slow picks or three quick ones (measured on tasks of all seven templates)."""
+
+
+def median_s(trials: Iterable[TrialCertificate]) -> float:
+    """Return the median time of the expert in the trials of variations that require an action [s], 0 without any."""
+    steps = [trial.steps for trial in trials if not trial.training and not trial.watched]
+    return statistics.median(steps) / CONTROL_RATE_HZ if steps else 0.0
+
+
+def difficulty_of(trials: Iterable[TrialCertificate]) -> Difficulty:
+    """Return the level of a task from its certified trials."""
+    seconds = median_s(trials)
+    if seconds < EASY_BELOW_S:
+        return Difficulty.EASY
+    return Difficulty.MEDIUM if seconds < HARD_FROM_S else Difficulty.HARD
