@@ -134,13 +134,13 @@ def build_and_tell(
             built = build_suite(scenarios, out, name=name, settings=settings, workers=processes, on_progress=told)
         cards, matrix = {}, None
         if built.suite is not None:
-            cards = _draw_cards(built, out)
-            matrix = _measure_power(built, out, power, processes) if power else None
+            cards = draw_cards(built, out)
+            matrix = power_of_suite(built, out, power, processes) if power else None
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
 
 
-def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:
+def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[str, str]:
     """Draw the card of each certified task that has none yet, and return their addresses by task."""
     from betterbench.evaluation.figures.show import image_file, show_card
     from betterbench.jobs import write_durably
@@ -155,13 +155,13 @@ def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:
         for number, result in enumerate(certified, start=1):
             path = out / CARDS / f"{result.task_id}-{result.key[:12]}.jpg"
             if not path.exists():
-                write_durably(path, image_file(show_card(result.task_id), ".jpg", remark=mark_of("build")))
+                write_durably(path, image_file(show_card(result.task_id), ".jpg", remark=mark_of(verb)))
             cards[result.task_id] = f"{CARDS}/{path.name}"
             bar.update(task, completed=number)
     return cards
 
 
-def _measure_power(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
+def power_of_suite(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
     """Run the faulty rules on every variation of the suite, and write the matrix into its folder."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably

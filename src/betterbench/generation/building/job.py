@@ -223,7 +223,7 @@ def _key(item: BuildItem, settings: Settings) -> str:
 
 
 def new_task_id(name: str, taken: Counter[str]) -> str:
-    """Return a unique identifier for a scenario, lower-case letters, digits and "_" of its name, and note it as taken."""
+    """Return a unique identifier for a scenario, from letters and digits of its name, and note it as taken."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
     base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
     found, number = base, 1

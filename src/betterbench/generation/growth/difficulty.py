@@ -19,8 +19,7 @@ class Difficulty(StrEnum):
 
 
 EASY_BELOW_S, HARD_FROM_S = 11.0, 16.0
-"""Median times of the expert that separate the levels [s]. About 11 s are one pick and placement with a drawer or an
-alignment, or two quick picks; 16 s are two slow picks or three quick ones (measured on tasks of all seven templates)."""
+"""Median times of the expert that separate the levels [s]."""
 
 
 def median_s(trials: Iterable[TrialCertificate]) -> float:

@@ -31,7 +31,7 @@ from betterbench.generation.growth.difficulty import difficulty_of, median_s
 from betterbench.generation.growth.likeness import Distinct, key_of_task
 from betterbench.generation.growth.proposals import FILE_NAME, Proposal, ProposalFile
 from betterbench.generation.growth.quotas import Quota, Supply, require_consistent
-from betterbench.generation.growth.result import Growth, GrownTask, QuotaStanding, Stop
+from betterbench.generation.growth.result import GrownTask, Growth, QuotaStanding, Stop
 from betterbench.generation.growth.sources import Cell, ModelSource, OfflineSource, Source
 from betterbench.generation.growth.steering import Steering, Traits
 from betterbench.generation.scenario_form import scenario_to_json
@@ -95,7 +95,7 @@ class GrowSettings:
             "target": author.target,
             "quotas": [str(quota) for quota in self.quotas],
             "distinct": self.distinct,
-            "unlike": sorted(suite if suite in ("better60",) else Path(suite).resolve().name for suite in self.unlike),
+            "unlike": sorted(suite if suite == "better60" else Path(suite).resolve().name for suite in self.unlike),
             "seeds": self.build.seeds,
             "demonstrations": self.build.demonstrations,
         }
@@ -229,7 +229,7 @@ def grow_suite(
                 known=prepared.known,
             )
         journal = stack.enter_context(ProposalFile(out / FILE_NAME))
-        growing = _Growing(settings, out, source, journal, workers, on_progress)
+        growing = _Growing(settings, out, source, journal, workers=workers, on_progress=on_progress)
         stop = growing.run(on_round)
         suite = write_suite([t.result for t in growing.tasks if not t.set_aside], out, settings.name)
         grown = growing.outcome(stop, suite)
@@ -246,6 +246,7 @@ class _Growing:
         out: Path,
         source: Source,
         journal: ProposalFile,
+        *,
         workers: int,
         on_progress: OnGrow | None,
     ) -> None:

@@ -122,28 +122,28 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
 
 def _known(kind: Kind, value: str, place: str) -> str:
     """Return the complete name of a value."""
-    match kind:
-        case "template":
-            names: Collection[str] = TEMPLATES
-        case "difficulty":
-            names = tuple(Difficulty)
-        case "axis":
-            if value in AXIS_NAMES:
-                return AXIS_NAMES[value].value
-            names = [*AXIS_NAMES, *Axis] if value not in tuple(Axis) else tuple(Axis)
-        case "context":
-            try:
-                plain_text(value)
-            except ValueError as error:
-                raise InvalidInputError(place, f"the context {error}", "Write words") from error
-            if len(value) > LONGEST_NAME:
-                raise InvalidInputError(
-                    place, f"the context has {len(value)} characters", f"Write at most {LONGEST_NAME}"
-                )
-            return value
-    if value not in names:
-        raise UnknownNameError(kind, value, names)
+    if kind == "context":
+        _require_context(value, place)
+        return value
+    if kind == "axis" and value in AXIS_NAMES:
+        return AXIS_NAMES[value].value
+    known: Mapping[Kind, Collection[str]] = {
+        "template": TEMPLATES,
+        "difficulty": [level.value for level in Difficulty],
+        "axis": [*AXIS_NAMES, *(axis.value for axis in Axis)],
+    }
+    if value not in known[kind]:
+        raise UnknownNameError(kind, value, known[kind])
     return value
+
+
+def _require_context(value: str, place: str) -> None:
+    try:
+        plain_text(value)
+    except ValueError as error:
+        raise InvalidInputError(place, f"the context {error}", "Write words") from error
+    if len(value) > LONGEST_NAME:
+        raise InvalidInputError(place, f"the context has {len(value)} characters", f"Write at most {LONGEST_NAME}")
 
 
 _Amount = Annotated[str, Field(pattern=_AMOUNT_PATTERN)]

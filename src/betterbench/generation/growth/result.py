@@ -113,7 +113,7 @@ class Growth:
                 text = f"{number} tasks are certified."
             case "exhausted":
                 text = f"{number} of {self.until} tasks are certified, and no new scenario is left for the others."
-            case "attempts":
+            case _:
                 built = len(self.tasks) + len(self.refused)
                 text = (
                     f"{number} of {self.until} tasks are certified after {built} attempts, the largest number allowed."

@@ -208,7 +208,7 @@ class ModelSource:
     def contexts(self) -> None:
         """Return None, because a model may write any context."""
 
-    def goals(self, templates: Collection[str], context: str | None = None) -> None:  # noqa: ARG002
+    def goals(self, templates: Collection[str], context: str | None = None) -> None:
         """Return None, because the number is not known."""
 
     def cells(self) -> list[Cell]:

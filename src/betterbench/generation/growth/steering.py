@@ -14,6 +14,8 @@ from betterbench.generation.growth.quotas import Kind, Quota
 from betterbench.generation.growth.sources import Cell
 from betterbench.tasks import Axis
 
+_LIKELY = 0.5
+"""Share of a template's tasks above which a level of difficulty is expected of the next one."""
 _TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
 
 
@@ -101,8 +103,8 @@ class _Tally:
     def add(self, traits: Traits) -> None:
         """Count a task."""
         self.tasks += 1
-        for kind, value in (("template", traits.template), ("context", traits.context)):
-            self._count(kind, value, 1.0)
+        self._count("template", traits.template, 1.0)
+        self._count("context", traits.context, 1.0)
         self._count("difficulty", traits.difficulty, 1.0)
         for axis, number in traits.variations.items():
             self._count("axis", axis, float(number))
@@ -173,13 +175,12 @@ class Steering:
             full = tally.of(quota.kind, quota.value) >= quota.most_of(self._until)
             if quota.kind in values and quota.value == values[quota.kind] and full:
                 return False
-            sure = quota.kind == "difficulty" and self._mixes[cell.template].level(quota.value) > 0.5  # noqa: PLR2004
-            if sure and full:
+            is_likely = quota.kind == "difficulty" and self._mixes[cell.template].level(quota.value) > _LIKELY
+            if is_likely and full:
                 return False
         places = self._until - tally.tasks
         return all(
-            self._need(tally, kind, values[kind]) or self._needs(tally, kind) < places
-            for kind in ("template", "context")
+            self._need(tally, kind, value) > 0.0 or self._needs(tally, kind) < places for kind, value in values.items()
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
