@@ -87,7 +87,7 @@ def grow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Grow:
         chat: ScriptedChat | None = None,
         stop_after: int | None = None,
     ) -> Growth:
-        def build_items(items, out, *, settings, workers, on_progress):
+        def build_items(items, out, *, settings, workers, on_stored, on_progress):
             results = tuple(built(item, refused=refuse(item)) for item in items)
             for number, result in enumerate(results, start=1):
                 on_progress(job_module.JobProgress(number, len(items), result))
@@ -294,6 +294,16 @@ def test_a_larger_number_keeps_the_tasks(grow: Grow) -> None:
     more = grow(settings(9, "template=loose_packing:40%"))
     assert [t.result for t in more.accepted][:5] == [t.result for t in few.accepted]
     assert len(more.accepted) == 9
+
+
+def test_a_smaller_number_ends_with_the_first_tasks(grow: Grow) -> None:
+    """For example to end early: what the larger number has drawn is used, and no more is drawn."""
+    refuse = lambda item: "stacking" in item.task_id  # noqa: E731
+    many = grow(settings(9), refuse=refuse)
+    few = grow(settings(4), refuse=refuse)
+    assert [t.result for t in few.accepted] == [t.result for t in many.accepted][:4]
+    assert [p.number for p in few.proposals] == [p.number for p in many.proposals][: len(few.proposals)]
+    assert grow(settings(9), refuse=refuse).accepted == many.accepted
 
 
 def test_other_settings_and_changed_proposals_are_refused(grow: Grow, tmp_path: Path) -> None:

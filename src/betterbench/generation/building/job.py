@@ -103,9 +103,12 @@ def build_items(
     *,
     settings: Settings,
     workers: int = 1,
+    on_stored: Callable[[Result], object] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> tuple[Result, ...]:
     """Build and certify scenarios in a folder, and return their results in order. Stored results are not made again.
+
+    ``on_stored`` is called with each of these, ``on_progress`` at the start and after every new one.
 
     Raises:
         InvalidInputError: If a stored result is damaged.
@@ -117,6 +120,7 @@ def build_items(
         stored = _stored(out, item, settings)
         if stored is not None:
             results[item] = stored
+            on_stored(stored)
     by_id = {item.task_id: item for item in items}
 
     def keep(result: Result) -> None:

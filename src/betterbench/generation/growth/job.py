@@ -7,7 +7,7 @@ continues after an interruption, and ends with the same files.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -254,6 +254,8 @@ class _Growing:
         self._workers, self._on_progress = workers, on_progress
         self._steering = Steering(settings.quotas, settings.until, settings.templates)
         self._taken = Counter([*task_names(), *(p.task_id for p in journal.stored if p.is_drawn)])
+        self._waiting = deque(journal.stored)
+        self._round = 0
         self._proposals: list[Proposal] = []
         self.tasks: list[GrownTask] = []
         self.refused: list[Result] = []
@@ -261,21 +263,20 @@ class _Growing:
 
     def run(self, on_round: Callable[[Growth], None] | None) -> Stop:
         """Draw and build rounds until the number is reached or nothing is left."""
-        number = 0
         while self._steering.left > 0:
-            number += 1
             attempts_left = self._settings.attempts - len(self.tasks) - len(self.refused)
             size = min(ROUND, self._steering.left, attempts_left)
-            if size <= 0 and not self._journal.of_round(number):
+            if size <= 0:
                 return "attempts"
-            drawn = self._drawn(number, size)
-            if not drawn:
+            drawn = self._drawn(size)
+            if not drawn and not self._waiting:
                 return "exhausted"
             results = build_items(
                 [BuildItem.of(p.read(), p.task_id) for p in drawn],
                 self._out,
                 settings=self._settings.build,
                 workers=self._workers,
+                on_stored=self._finished.append,
                 on_progress=self._told,
             )
             self._finished = []
@@ -285,17 +286,19 @@ class _Growing:
                 on_round(self.outcome("reached" if self._steering.left == 0 else "attempts", None))
         return "reached"
 
-    def _drawn(self, number: int, size: int) -> list[Proposal]:
-        """Return the scenarios of a round: the stored ones, and new ones unless a later round has begun."""
+    def _drawn(self, size: int) -> list[Proposal]:
+        """Return the next scenarios to build: stored ones of one round, then new ones if none is stored."""
         drawn: list[Proposal] = []
-        for proposal in self._journal.of_round(number):
+        self._round = self._waiting[0].round if self._waiting else self._round + 1
+        while self._waiting and self._waiting[0].round == self._round and len(drawn) < size:
+            proposal = self._waiting.popleft()
             self._note(proposal)
             drawn += [proposal] if proposal.is_drawn else []
-        while len(drawn) < size and self._journal.last_round <= number:
+        while len(drawn) < size and not self._waiting:
             cell = self._steering.choose(self._source.cells(), [Cell(p.template, p.context) for p in drawn])
             if cell is None:
                 break
-            proposal = self._proposed(cell, number)
+            proposal = self._proposed(cell, self._round)
             self._journal.append(proposal)
             self._note(proposal)
             drawn += [proposal] if proposal.is_drawn else []

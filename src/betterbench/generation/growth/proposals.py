@@ -93,15 +93,6 @@ class ProposalFile(LineJournal):
         self.stored.append(proposal)
         self._link = link
 
-    def of_round(self, number: int) -> tuple[Proposal, ...]:
-        """Return the stored proposals of a round."""
-        return tuple(p for p in self.stored if p.round == number)
-
-    @property
-    def last_round(self) -> int:
-        """Largest stored number of a round, 0 without proposals."""
-        return max((p.round for p in self.stored), default=0)
-
 
 def _read(form: Mapping[str, Any], where: str) -> Proposal:
     return read_form(_PROPOSAL, dict(form), where=where, cure=_CURE, raises=RecordError)
