@@ -460,9 +460,9 @@ def test_the_page_shows_quotas_refusals_by_clause_and_cures(grow: Grow, tmp_path
     assert sum(bar.percent for bar in bars["template"]) == pytest.approx(100.0)
     assert sum(bar.percent for bar in bars["axis"]) == pytest.approx(100.0)
     page = write_growth_page(grown, tmp_path / "growth.html", seeds=2, cards={}).read_text()
-    assert "12 tasks are certified" in page
+    assert "12 tasks are certified. They have" in page
     assert page.count('class="fill"') == sum(map(len, bars.values()))
-    assert f"{grown.near_duplicates} scenarios were left out as near-duplicates" in page
+    assert f"{grown.near_duplicates:,} scenarios were left out as near-duplicates" in page
     for result in grown.refused:
         assert result.task_id in page
     assert "<script" not in page

@@ -34,13 +34,13 @@ class Traits:
 
 
 _EXPECTED: Mapping[str, tuple[str, str]] = {
-    "patterned_arrangement": ("LLLROOT", "medium"),
+    "patterned_arrangement": ("LLRROT", "medium"),
     "loose_packing": ("LRROOTT", "medium"),
-    "constrained_positioning": ("LLLLOT", "easy"),
-    "container_loading": ("LLROOTT", "medium"),
-    "logical_assembly": ("LRRRROTT", "hard"),
-    "precision_insertion": ("LLRROT", "medium"),
-    "recursive_stacking": ("LLROTT", "medium"),
+    "constrained_positioning": ("LLLLOOT", "easy"),
+    "container_loading": ("LLROOTT", "hard"),
+    "logical_assembly": ("LRROTT", "hard"),
+    "precision_insertion": ("LLROT", "medium"),
+    "recursive_stacking": ("LLROTT", "easy"),
 }
 """Axes of the variations and difficulty of one task of each template, measured; estimates begin with them."""
 
