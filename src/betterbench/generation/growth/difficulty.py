@@ -21,7 +21,7 @@ class Difficulty(StrEnum):
 EASY_BELOW_S, HARD_FROM_S = 10.0, 17.0
 """Median times of the expert that separate the levels [s].
 
-Tasks of the seven templates have 7 to 8 s (one mug or plate), 14 to 16 s (two items, spices or objects at a laptop), and
+Tasks of the seven templates have 7 to 8 s (one mug or plate), 14 to 16 s (two items, spices or desk objects), and
 18 to 21 s (drawers and stacks of layers); the levels lie between these groups.
 """
 
