@@ -19,7 +19,12 @@ _LEFTOVERS = (
     "bun_top",
     "patty",
 )
-_LITTER = ("crumpled_napkin", "crushed_can", "sauce_cup", "lettuce_leaf", "patty", "bun_top", "cheese_slice", "lemon")
+_LITTER = Group(
+    (
+        Pool(("crumpled_napkin", "crushed_can")),
+        Pool(("sauce_cup", "lettuce_leaf", "patty", "bun_top", "cheese_slice", "lemon"), 2),
+    )
+)
 
 
 GRAMMAR = register(
@@ -131,7 +136,7 @@ GRAMMAR = register(
                 "Cleaning up after a game night",
                 "living room",
                 ("Throw the trash into the {container}.", "Clear the litter into the {container}."),
-                {"container": _BIN, "items": several(3, *_LITTER)},
+                {"container": _BIN, "items": _LITTER},
             ),
         ),
     )
