@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -21,8 +22,8 @@ from betterbench.generation.scenario import Scenario
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
-KEPT_CHOICES = 48
-"""Choices of colors that are kept for each goal of a theme, drawn by the seed."""
+SAMPLED = 48
+"""Choices of colors of a goal among which the one with the least used colors is taken."""
 COMPARED = 400
 """Goals of a context among which the one least like the earlier ones is taken."""
 PATIENCE = 5
@@ -91,33 +92,20 @@ class OfflineSource:
     ) -> None:
         self._templates, self._seed = tuple(templates), seed
         self._left: dict[Cell, list[str]] = {}
-        self._choices: dict[tuple[Cell, str], list[tuple[Theme, Choice]]] = {}
+        self._choices: dict[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]] = {}
         self.scenarios: Counter[str] = Counter()
         for template in self._templates:
-            self._collect(template, distinct)
+            rng = np.random.default_rng([seed, *template.encode()])
+            found = _choices_of(template, distinct)
+            self._choices |= found
+            for (_, key), choices in found.items():
+                self.scenarios[key] += len(choices)
+            for cell in dict.fromkeys(cell for cell, _ in found):
+                keys = [key for owner, key in found if owner == cell]
+                self._left[cell] = [keys[i] for i in rng.permutation(len(keys))]
         self.known = frozenset(known) & self.scenarios.keys()
         self._done = set(self.known)
         self._uses: Counter[tuple[str, str]] = Counter()
-
-    def _collect(self, template: str, distinct: Distinct) -> None:
-        """Collect the goals of a template, with a sample of the choices of objects for each of them."""
-        rng = np.random.default_rng([self._seed, *template.encode()])
-        seen: Counter[tuple[Cell, str]] = Counter()
-        for theme in grammar_of(template).themes:
-            cell = Cell(template, theme.context)
-            for choice in theme.choices():
-                key = key_of_choice(template, choice, distinct)
-                place = (cell, key)
-                self.scenarios[key] += 1
-                seen[place] += 1
-                kept = self._choices.setdefault(place, [])
-                if len(kept) < KEPT_CHOICES:
-                    kept.append((theme, choice))
-                elif (drawn := int(rng.integers(seen[place]))) < KEPT_CHOICES:
-                    kept[drawn] = (theme, choice)
-        for cell in dict.fromkeys(cell for cell, _ in seen):
-            keys = [key for owner, key in seen if owner == cell]
-            self._left[cell] = [keys[i] for i in rng.permutation(len(keys))]
 
     @property
     def templates(self) -> tuple[str, ...]:
@@ -148,8 +136,10 @@ class OfflineSource:
         """Return the scenario of a template and a context with the least used categories and colors."""
         fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
         key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
-        theme, choice = min(self._choices[cell, key], key=lambda found: self._cost(cell, found[1], colored=True))
         rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
+        every = self._choices[cell, key]
+        sample = rng.choice(len(every), size=min(SAMPLED, len(every)), replace=False)
+        theme, choice = min((every[i] for i in sample), key=lambda found: self._cost(cell, found[1], colored=True))
         return Proposed("drawn", scenario_of(cell.template, theme, choice, rng), key)
 
     def _cost(self, cell: Cell, choice: Choice, *, colored: bool) -> float:
@@ -166,6 +156,17 @@ class OfflineSource:
             for described in objects:
                 category, color = described.tags[0].replace(" ", "_"), described.tags[1]
                 self._uses.update([(proposal.template, category), (proposal.template, f"{category} {color}")])
+
+
+@functools.cache
+def _choices_of(template: str, distinct: Distinct) -> Mapping[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]]:
+    """Return all choices of objects of a template by context and goal; this takes two seconds for all templates."""
+    found: dict[tuple[Cell, str], list[tuple[Theme, Choice]]] = {}
+    for theme in grammar_of(template).themes:
+        cell = Cell(template, theme.context)
+        for choice in theme.choices():
+            found.setdefault((cell, key_of_choice(template, choice, distinct)), []).append((theme, choice))
+    return {place: tuple(choices) for place, choices in found.items()}
 
 
 class ModelSource:
