@@ -11,11 +11,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from betterbench.generation.growth.quotas import quotas_schema
 from betterbench.tasks.authoring.task_form import task_schema
 from betterbench.tasks.authoring.template_form import template_schema
 from betterbench.tasks.suite_folder import suite_schema
 
-SCHEMAS = {"task": task_schema, "template": template_schema, "suite": suite_schema}
+SCHEMAS = {"task": task_schema, "template": template_schema, "suite": suite_schema, "quotas": quotas_schema}
 """Functions that return the schemas, by the name of their file."""
 
 _INTRODUCTION = """\
@@ -23,14 +24,16 @@ _INTRODUCTION = """\
 
 A task, a template and a suite can be written as JSON, see [your task in your own file](own-tasks.md). The tables list
 all fields; a field without a default is required, and unknown fields are refused. The schemas
-[task.json](schemas/task.json), [template.json](schemas/template.json) and [suite.json](schemas/suite.json) (JSON
-Schema, draft 2020-12) are for editors and for programs that write tasks. A schema cannot express that names exist, that
-conditions follow their template or that a regime contains no test; `task_from_json` checks this too."""
+[task.json](schemas/task.json), [template.json](schemas/template.json), [suite.json](schemas/suite.json) and
+[quotas.json](schemas/quotas.json) (JSON Schema, draft 2020-12) are for editors and for programs that write tasks. A
+schema cannot express that names exist, that conditions follow their template or that a regime contains no test;
+`task_from_json` checks this too."""
 
 _SECTIONS = {
     "task": "One JSON file per task. Lengths are in meters, angles in radians, positions in the world frame.",
     "template": "The field `template` of a task contains the name of a packaged template or this form.",
     "suite": "The file `suite.json` of a [suite in a folder](own-tasks.md#a-suite-as-a-folder).",
+    "quotas": "A YAML or JSON file for `better generate --until --quotas`, see [growth](generating.md#grow-a-suite).",
 }
 
 _TEXTS = {
@@ -146,6 +149,12 @@ _TEXTS = {
         "schema_version": "version of the form",
         "name": "name of the suite without its digest",
         "tasks": "SHA-256 by task, of the file `tasks/NAME.json`",
+    },
+    "Quotas": {
+        "template": "amount of tasks by template: the least (`20%`, `5`), or the least and the largest (`10%-30%`)",
+        "axis": "share of the variations by axis: `spatial`, `recomposition`, `object` or `temporal`",
+        "context": "amount of tasks by context",
+        "difficulty": "amount of tasks by difficulty: `easy`, `medium` or `hard`",
     },
 }
 """Meaning of each field, by part of a form."""

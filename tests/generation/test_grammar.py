@@ -51,7 +51,7 @@ def test_ten_scenarios_of_a_template_differ_and_make_sense(template):
 @pytest.mark.parametrize("template", NAMES)
 def test_every_wording_of_every_theme_makes_sense(template):
     """All instructions, with a sample of the objects of their theme."""
-    from betterbench.generation.grammar.author import _scenario
+    from betterbench.generation.grammar.author import scenario_of
 
     draw = np.random.default_rng(0)
     for theme in GRAMMARS[template].themes:
@@ -59,7 +59,7 @@ def test_every_wording_of_every_theme_makes_sense(template):
         for wording in theme.instructions:
             single = type(theme)(theme.name, theme.context, (wording,), theme.groups)
             for index in draw.choice(len(choices), size=min(len(choices), 12), replace=False):
-                scenario = _scenario(template, single, choices[index], draw)
+                scenario = scenario_of(template, single, choices[index], draw)
                 assert sense_problems(scenario) == (), (scenario.instruction, choices[index])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -202,13 +202,34 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
         form |= {"model": source, "prompt": PROMPT_ID, "vocabulary": settings.vocabulary}
     else:
         form |= {"model": OFFLINE, "seed": settings.seed}
+    changed: tuple[str, ...] = ()
     if path.is_file() and not overwrite:
-        there = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder")
-        number = there.get("num")
+        number = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder").get("num")
         if type(number) is int and number > settings.count:
             problem = f"{out}: this folder holds {number} scenarios, not {settings.count}"
             raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
-        require_same(out, {**there, "num": settings.count}, form, "set of scenarios", where="settings")
+        changed = ("num",) if type(number) is int else ()
+    write_settings(out, form, overwrite=overwrite, changed=changed)
+
+
+def write_settings(out: Path, form: Mapping[str, object], *, overwrite: bool, changed: Collection[str] = ()) -> None:
+    """Write the settings of a folder.
+
+    Args:
+        out: The folder.
+        form: The settings.
+        overwrite: Whether other settings may be replaced.
+        changed: Fields that may differ from those in the folder.
+
+    Raises:
+        RunConflictError: If the folder has other settings.
+    """
+    path = out / SETTINGS_NAME
+    if path.is_file() and not overwrite:
+        there = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder")
+        require_same(
+            out, there | {name: form[name] for name in changed}, dict(form), "set of scenarios", where="settings"
+        )
     write_durably(path, (json_text(form, indent=1) + "\n").encode())
 
 

@@ -148,10 +148,10 @@ def build_and_tell(
             )
         cards, matrix = {}, None
         if built.suite is not None:
-            cards = _draw_cards(built, out)
+            cards = draw_cards(built, out)
             if power:  # the power takes longest, and the suite can be used and looked at before
                 say(f"page without power: {write_build_page(built, out / PAGE, settings=settings, cards=cards)}")
-                matrix = _measure_power(built, out, power, processes)
+                matrix = power_of_suite(built, out, power, processes)
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
 
@@ -166,7 +166,7 @@ def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
         say(f"imported: {', '.join(imported.names)}; load them with --asset-dir {out / IMPORTED}")
 
 
-def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:
+def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[str, str]:
     """Draw the card of each certified task that has none yet, and return their addresses by task."""
     from betterbench.evaluation.figures.show import image_file, show_card
     from betterbench.jobs import write_durably
@@ -181,13 +181,13 @@ def _draw_cards(built: BuildReport, out: Path) -> dict[str, str]:
         for number, result in enumerate(certified, start=1):
             path = out / CARDS / f"{result.task_id}-{result.key[:12]}.jpg"
             if not path.exists():
-                write_durably(path, image_file(show_card(result.task_id), ".jpg", remark=mark_of("build")))
+                write_durably(path, image_file(show_card(result.task_id), ".jpg", remark=mark_of(verb)))
             cards[result.task_id] = f"{CARDS}/{path.name}"
             bar.update(task, completed=number)
     return cards
 
 
-def _measure_power(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
+def power_of_suite(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
     """Run the faulty rules on every variation of the suite, and write the matrix into its folder."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably

@@ -1,4 +1,4 @@
-"""``better generate``: scenarios of a template or about a sentence."""
+"""``better generate``: scenarios of a template or about a sentence, and suites that grow under quotas."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from betterbench.cli.console import OUT, print_json, print_table, progress_bar, 
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from betterbench.generation.folder import Generated
 
 
 def generate_command(
-    target: Annotated[str, tyro.conf.Positional],
+    target: Annotated[str, tyro.conf.Positional] = "",
     *,
     out: Path,
     num: int | None = None,
@@ -27,6 +29,17 @@ def generate_command(
     key_variable: str = "OPENAI_API_KEY",
     build: bool = False,
     catalogue: Path | None = None,
+    until: int | None = None,
+    quota: tuple[str, ...] = (),
+    quotas: Path | None = None,
+    distinct: Literal["categories", "colors"] = "categories",
+    unlike: tuple[str, ...] = (),
+    max_attempts: int | None = None,
+    name: str = "generated",
+    seeds: int = 3,
+    demonstrations: int = 24,
+    power: int = 0,
+    workers: int | None = None,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
@@ -37,10 +50,15 @@ def generate_command(
     against sense; what is wrong is sent back to the model. Every exchange is kept in exchanges.jsonl, and --replay
     repeats it without the model. The same command gives the same files and resumes, also after Ctrl-C.
 
+    With --until N, scenarios are drawn, built and certified until the suite has N tasks, without near-duplicates and
+    under quotas, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows the quotas,
+    the tasks, and what was refused.
+
     Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
 
     Args:
-        target: Name of a template (better list templates), or a sentence in quotes.
+        target: Name of a template (better list templates), or a sentence in quotes; with --until, all templates if not
+            given.
         out: Folder of the scenarios.
         num: Number of scenarios; if not given, 10 of a template, or one about a sentence.
         model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
@@ -50,15 +68,45 @@ def generate_command(
         vocabulary: Objects that a model may use: those of the library, or any.
         replay: File exchanges.jsonl of an earlier run, which answers for the model.
         key_variable: Environment variable with the key of the endpoint.
-        build: Build and certify the tasks in the subfolder "build", with the defaults of better build.
+        build: Build and certify the tasks in the subfolder "build", as better build does.
         catalogue: With --build: catalogue of better assets index, from which objects that the library lacks are
             imported.
+        until: Number of certified tasks of the suite.
+        quota: Quotas PROPERTY=VALUE:AMOUNT of template, axis, context or difficulty; AMOUNT is the least (20%, 5), or
+            the least and the largest (10%-30%, 3-8).
+        quotas: YAML or JSON file with quotas.
+        distinct: Difference between any two tasks: another category of object, or another category or color.
+        unlike: Suites whose near-duplicates are left out: better60, or suite folders.
+        max_attempts: Largest number of scenarios to build; three per task if not given.
+        name: Name of the suite; a digest of its tasks is added. As the following options, for --until and --build.
+        seeds: Trials of each variation to certify; better eval --trials takes up to this number.
+        demonstrations: Demonstrations of the expert to measure per task.
+        power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
+            none.
+        workers: Worker processes; one per CPU core if not given.
         overwrite: Replace files in the folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
     from betterbench.generation.folder import GenerateSettings, generate_scenarios
 
     settings = GenerateSettings(target, num, model, seed, tries, vocabulary, replay, key_variable)
+    if until is not None:
+        from betterbench.cli.verbs.grow import grow_and_tell, read_quotas
+        from betterbench.generation.building.result import Settings
+        from betterbench.generation.growth.job import GrowSettings
+
+        if build:
+            raise InvalidInputError("--build", "cannot be combined with --until, which builds already", "Leave it out")
+        asked = read_quotas(quota, quotas)
+        measured = Settings(seeds, demonstrations)
+        growing = GrowSettings(until, settings, measured, asked, distinct, unlike, max_attempts, name)
+        grow_and_tell(growing, out, power=power, workers=workers, overwrite=overwrite, json=json)
+        return
+    given = {"--quota": quota, "--quotas": quotas, "--unlike": unlike, "--max-attempts": max_attempts}
+    _require_unused(given, "--until", "a number of tasks")
+    if not target:
+        cure = "Name one (better list templates), give a sentence in quotes, or give --until for a suite"
+        raise InvalidInputError("better generate", "there is no template", cure)
     with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
             settings,
@@ -77,7 +125,25 @@ def generate_command(
     if build:
         from betterbench.cli.verbs.build import build_command
 
-        build_command((out,), out=out / "build", catalogue=catalogue, overwrite=overwrite, json=json)
+        build_command(
+            (out,),
+            out=out / "build",
+            name=name,
+            seeds=seeds,
+            demonstrations=demonstrations,
+            power=power,
+            workers=workers,
+            catalogue=catalogue,
+            overwrite=overwrite,
+            json=json,
+        )
+
+
+def _require_unused(options: Mapping[str, object], needed: str, what: str) -> None:
+    """Raise InvalidInputError if an option is given that has no effect without another one."""
+    given = next((name for name, value in options.items() if value not in (None, ())), None)
+    if given is not None:
+        raise InvalidInputError(given, f"has no effect without {needed}", f"Give {needed} with {what}")
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:

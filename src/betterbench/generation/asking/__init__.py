@@ -5,7 +5,24 @@
 - ``author``: the loop that asks, checks and sends problems back.
 """
 
-from betterbench.generation.asking.author import Asked, Refused, ask_for_scenarios, ask_for_template
+from betterbench.generation.asking.author import (
+    Asked,
+    Refused,
+    Request,
+    ask_for_scenario,
+    ask_for_scenarios,
+    ask_for_template,
+)
 from betterbench.generation.asking.exchanges import ExchangeFile, KeptChat, read_exchanges
 
-__all__ = ["Asked", "ExchangeFile", "KeptChat", "Refused", "ask_for_scenarios", "ask_for_template", "read_exchanges"]
+__all__ = [
+    "Asked",
+    "ExchangeFile",
+    "KeptChat",
+    "Refused",
+    "Request",
+    "ask_for_scenario",
+    "ask_for_scenarios",
+    "ask_for_template",
+    "read_exchanges",
+]

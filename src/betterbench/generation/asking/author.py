@@ -87,12 +87,8 @@ def ask_for_scenarios(
     written: dict[int, Scenario] = {}
     refused: list[Refused] = []
     for number in range(1, count + 1):
-        before = list(written.values())
-        request = _Request(TEMPLATES[template], sentence, vocabulary, before)
-        messages = scenario_messages(
-            request.template, number=number, sentence=sentence, vocabulary=vocabulary, written=before[-_MOST_SHOWN:]
-        )
-        found, problem = _corrected(chat, messages, request, tries, f"scenario {number}")
+        request = Request(TEMPLATES[template], sentence, vocabulary, list(written.values()))
+        found, problem = ask_for_scenario(request, chat, number, tries=tries)
         if found is None:
             refused.append(Refused(number, tries, problem))
         else:
@@ -103,17 +99,45 @@ def ask_for_scenarios(
 
 
 @dataclass(frozen=True, slots=True)
-class _Request:
-    """What a scenario must fulfil."""
+class Request:
+    """Requirements of a scenario.
+
+    Attributes:
+        template: Its template.
+        sentence: Request of a user that it is about; empty for none.
+        vocabulary: Allowed asset queries by group, or None for any.
+        before: Earlier scenarios, whose objects it must not have.
+        context: Its context; empty for any.
+    """
 
     template: Template
     sentence: str
     vocabulary: Mapping[str, Sequence[str]] | None
     before: Sequence[Scenario]
+    context: str = ""
+
+
+def ask_for_scenario(
+    request: Request, chat: KeptChat, number: int, *, tries: int = DEFAULT_TRIES
+) -> tuple[Scenario | None, str]:
+    """Return a scenario by a model, or None and the first problem of its last answer.
+
+    Raises:
+        ModelError: If the model cannot be reached; earlier exchanges are kept.
+    """
+    messages = scenario_messages(
+        request.template,
+        number=number,
+        sentence=request.sentence,
+        context=request.context,
+        vocabulary=request.vocabulary,
+        written=request.before[-_MOST_SHOWN:],
+    )
+    return _corrected(chat, messages, request, tries, f"scenario {number}")
 
 
 def _corrected(
-    chat: KeptChat, messages: list[Message], request: _Request, tries: int, purpose: str
+    chat: KeptChat, messages: list[Message], request: Request, tries: int, purpose: str
 ) -> tuple[Scenario | None, str]:
     """Return a scenario, or None and the first problem of the last answer."""
     problems: Sequence[str] = ()
@@ -127,7 +151,7 @@ def _corrected(
     return None, problems[0]
 
 
-def _checked(answer: str, request: _Request) -> tuple[Scenario | None, Sequence[str]]:
+def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[str]]:
     """Return the scenario of an answer, or None and its problems."""
     try:
         (form,) = parsed_list(answer)
@@ -137,6 +161,8 @@ def _checked(answer: str, request: _Request) -> tuple[Scenario | None, Sequence[
     problems = [str(p) for p in sense_problems(scenario, where="answer[0]", mixed=bool(request.sentence))]
     problems += _vocabulary_problems(scenario, request.vocabulary)
     problems += _sentence_problems(scenario, request)
+    if request.context and scenario.context != request.context:
+        problems.append(f"answer[0].scene_context: is {scenario.context!r}. Write {request.context!r}.")
     twin = next((s for s in request.before if _objects(s) == _objects(scenario)), None)
     if twin is not None:
         problems.append(f"answer[0]: instantiation: has the same objects as the scenario {twin.name!r}. Choose others.")
@@ -188,7 +214,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
     return found
 
 
-def _sentence_problems(scenario: Scenario, request: _Request) -> list[str]:
+def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
     """Return the problems of the user's sentence: objects and places that the scenario lacks, and other goals."""
     if not request.sentence:
         return []

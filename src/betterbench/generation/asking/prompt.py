@@ -68,6 +68,7 @@ def scenario_messages(
     number: int,
     count: int = 1,
     sentence: str = "",
+    context: str = "",
     vocabulary: Mapping[str, Sequence[str]] | None = None,
     written: Sequence[Scenario] = (),
 ) -> list[Message]:
@@ -78,6 +79,7 @@ def scenario_messages(
         number: Number of the first of these scenarios, which makes the question unique.
         count: Number of scenarios to write.
         sentence: Sentence of a user that the scenario must be about.
+        context: Context that the scenario must have; empty for any.
         vocabulary: Allowed asset queries by group, for a closed vocabulary.
         written: Scenarios that must not be written again.
     """
@@ -87,6 +89,8 @@ def scenario_messages(
     ]
     if sentence:
         parts.append(f"The scenario must be about this request, with all objects that it names:\n{sentence}")
+    if context:
+        parts.append(f"The scene_context must be:\n{context}")
     if vocabulary is not None:
         listed = "\n".join(f"- {group}: {', '.join(nouns)}" for group, nouns in vocabulary.items())
         parts.append(f"Use only these words as asset_query; leave groups that are not listed empty:\n{listed}")

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Self
 
 from pydantic import TypeAdapter
 
@@ -54,9 +55,16 @@ _RESULT = TypeAdapter(Result)
 
 
 @dataclass(frozen=True, slots=True)
-class _Item:
+class BuildItem:
+    """Scenario to build, as JSON, and the identifier of its task."""
+
     scenario: str
     task_id: str
+
+    @classmethod
+    def of(cls, scenario: Scenario, task_id: str) -> Self:
+        """Return the item of a scenario."""
+        return cls(json.dumps(asdict(scenario), sort_keys=True), task_id)
 
 
 def build_suite(
@@ -90,22 +98,41 @@ def build_suite(
         raise InvalidInputError("scenarios", "there are none", "Give at least one scenario")
     require_suite_name(name)  # before hours of work
     settings = settings or Settings()
-    _index_library(out)
     if meshes is not None:
+        index_library(out)
         with Catalogue(out / CATALOGUE) as library, Catalogue(meshes, encoder=open_encoder) as user:
             imported = import_missing(scenarios, library, user, out)
         on_import(imported)
-        if imported.names:
-            _index_library(out)
-    items = [
-        _Item(json.dumps(asdict(scenario), sort_keys=True), task_id)
-        for scenario, task_id in zip(scenarios, _task_ids(scenarios), strict=True)
-    ]
-    results: dict[_Item, Result] = {}
+    taken = Counter(task_names())
+    items = [BuildItem.of(scenario, new_task_id(scenario.name, taken)) for scenario in scenarios]
+    found = build_items(items, out, settings=settings, workers=workers, on_progress=on_progress)
+    return BuildReport(found, write_suite([r for r in found if r.certified], out, name))
+
+
+def build_items(
+    items: Sequence[BuildItem],
+    out: Path,
+    *,
+    settings: Settings,
+    workers: int = 1,
+    on_stored: Callable[[Result], object] = lambda _: None,
+    on_progress: Callable[[JobProgress[Result]], None] | None = None,
+) -> tuple[Result, ...]:
+    """Build and certify scenarios in a folder, and return their results in order. Stored results are not made again.
+
+    ``on_stored`` is called with each of these, ``on_progress`` at the start and after every new one.
+
+    Raises:
+        InvalidInputError: If a stored result is damaged.
+        WorkerError: If worker processes keep dying.
+    """
+    index_library(out)
+    results: dict[BuildItem, Result] = {}
     for item in items:
         stored = _stored(out, item, settings)
         if stored is not None:
             results[item] = stored
+            on_stored(stored)
     by_id = {item.task_id: item for item in items}
 
     def keep(result: Result) -> None:
@@ -121,19 +148,19 @@ def build_suite(
         keep=keep,
         on_progress=on_progress,
     )
-    found = tuple(results[item] for item in items)
-    return BuildReport(found, _write_suite([r for r in found if r.certified], out, name))
+    return tuple(results[item] for item in items)
 
 
-def _index_library(out: Path) -> None:
+def index_library(out: Path) -> None:
+    """Write the catalogue of the asset library into the folder of a build."""
     index_sources(out / CATALOGUE, [open_source(NAME, SourceOptions())], on_progress=lambda *_: None)
 
 
-def _work(waiting: list[_Item], out: Path, settings: Settings, workers: int) -> Iterator[Result]:
+def _work(waiting: list[BuildItem], out: Path, settings: Settings, workers: int) -> Iterator[Result]:
     return in_processes(waiting, functools.partial(_build, str(out / CATALOGUE), settings), workers=workers)
 
 
-def _build(catalogue: str, settings: Settings, item: _Item) -> Result:
+def _build(catalogue: str, settings: Settings, item: BuildItem) -> Result:
     scenario = TypeAdapter(Scenario).validate_json(item.scenario)
     with Catalogue(Path(catalogue)) as opened:
         built = build_task(scenario, item.task_id, opened, settings=settings)
@@ -163,7 +190,7 @@ def _result(built: Built, key: str) -> Result:
     )
 
 
-def _write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
+def write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
     """Write the folder of a suite with the demonstrations and the certificate of its tasks; return its path."""
     if not results:
         return None
@@ -185,7 +212,7 @@ def _write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None
     return folder
 
 
-def _stored(out: Path, item: _Item, settings: Settings) -> Result | None:
+def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
     """Return the stored result of a scenario, None if there is none under these settings and versions.
 
     Raises:
@@ -200,7 +227,7 @@ def _stored(out: Path, item: _Item, settings: Settings) -> Result | None:
     return read_form(_RESULT, form, where=str(path), cure=_CURE)
 
 
-def _key(item: _Item, settings: Settings) -> str:
+def _key(item: BuildItem, settings: Settings) -> str:
     parts = {
         "scenario": item.scenario,
         "task": item.task_id,
@@ -211,17 +238,13 @@ def _key(item: _Item, settings: Settings) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def _task_ids(scenarios: Sequence[Scenario]) -> list[str]:
-    """Return a unique identifier for each scenario: lower-case letters, digits and "_" of its name."""
-    taken = Counter(task_names())
-    found = []
-    for scenario in scenarios:
-        words = re.sub(r"[^a-z0-9]+", "_", scenario.name.lower()).strip("_")[:_LONGEST_ID].strip("_")
-        base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
-        name, number = base, 1
-        while taken[name]:
-            number += 1
-            name = f"{base}_{number}"
-        taken[name] += 1
-        found.append(name)
+def new_task_id(name: str, taken: Counter[str]) -> str:
+    """Return a unique identifier for a scenario, from letters and digits of its name, and note it as taken."""
+    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
+    base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
+    found, number = base, 1
+    while taken[found]:
+        number += 1
+        found = f"{base}_{number}"
+    taken[found] += 1
     return found

@@ -92,7 +92,7 @@ def write_scenarios(
         which = " with these objects" if wanted else ""
         problem = f"the grammar holds {len(drawn)} different scenarios of {template}{which}, not {count}"
         raise InvalidInputError("--num", problem, f"Give --num {max(1, len(drawn))} or less, or a model with --model")
-    return tuple(_scenario(template, theme, choice, rng) for theme, choice in drawn)
+    return tuple(scenario_of(template, theme, choice, rng) for theme, choice in drawn)
 
 
 def _drawn(
@@ -222,7 +222,8 @@ table
 _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
-def _scenario(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
+def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
+    """Return the scenario of a theme with chosen objects, with one of the theme's wordings of the instruction."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}

@@ -39,13 +39,13 @@ def write_build_page(
             variations=sum(len((result.task or {})["variations"]) for result in certified),
             seeds=settings.seeds,
             cards=cards,
-            powerless={result.task_id: _powerless(result.task_id, power) for result in certified},
+            powerless={result.task_id: powerless_of(result.task_id, power) for result in certified},
         )
     )
     return write(path, page)
 
 
-def _powerless(task: str, power: PowerMatrix | None) -> Sequence[str]:
+def powerless_of(task: str, power: PowerMatrix | None) -> Sequence[str]:
     """Return the variations of a task that every rule of a power matrix solves."""
     if power is None:
         return ()

@@ -40,6 +40,15 @@ GRAMMAR = register(
                     ("Put the toy blocks into the drawers of the {cabinet}.", "Put the toys away in the {cabinet}."),
                 ),
                 (
+                    "Stocking an art room",
+                    "art room",
+                    several(2, "tape_roll", "round_block", "stapler"),
+                    (
+                        "Put the craft supplies into the {cabinet}.",
+                        "Store the craft supplies in the drawers of the {cabinet}.",
+                    ),
+                ),
+                (
                     "Storing cleaning supplies",
                     "laundry room",
                     several(2, "sponge", "soap_bar"),

@@ -4,6 +4,26 @@ from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, on
 from betterbench.tasks.authoring.templates import LOOSE_PACKING
 
 _LUNCHBOX, _TAKEAWAY, _BIN = one("lunchbox"), one("takeaway_box"), one("waste_bin")
+_SNACKS = ("apple", "orange", "lemon", "burger", "egg_cup", "jam_jar", "salt_shaker", "fries_box")
+"""Food that fits under the lid of a lunchbox."""
+_MEAL = (*_SNACKS, "drink_cup", "can")
+_LEFTOVERS = (
+    "apple",
+    "orange",
+    "lemon",
+    "egg_cup",
+    "jam_jar",
+    "cheese_slice",
+    "lettuce_leaf",
+    "bun_top",
+    "patty",
+)
+_LITTER = Group(
+    (
+        Pool(("crumpled_napkin", "crushed_can")),
+        Pool(("lettuce_leaf", "patty", "bun_top", "cheese_slice", "lemon"), 2),
+    )
+)
 
 
 GRAMMAR = register(
@@ -81,7 +101,43 @@ GRAMMAR = register(
                     "items": Group((Pool(("crumpled_napkin",)), Pool(("pill_bottle", "soap_bar", "sponge"), 2))),
                 },
             ),
+            Theme(
+                "Packing lunch for work",
+                "office kitchen",
+                ("Pack lunch into the {container}.", "Fill the {container} with lunch for work."),
+                {"container": _TAKEAWAY, "items": several(3, *_MEAL)},
+            ),
+            Theme(
+                "Packing dinner to go",
+                "restaurant counter",
+                ("Pack dinner into the {container}.", "Fill the {container} with dinner to go."),
+                {"container": _TAKEAWAY, "items": several(4, *_MEAL)},
+            ),
+            Theme(
+                "Packing for a day trip",
+                "family kitchen",
+                ("Pack the snacks for the trip into the {container}.", "Pack the {container} for the trip."),
+                {"container": _LUNCHBOX, "items": several(3, *_SNACKS)},
+            ),
+            Theme(
+                "Clearing out the fridge",
+                "kitchen on trash day",
+                ("Throw the leftovers into the {container}.", "Clear the leftovers into the {container}."),
+                {"container": _BIN, "items": several(3, *_LEFTOVERS)},
+            ),
+            Theme(
+                "Cleaning up after a family dinner",
+                "dining room table",
+                ("Throw the leftovers into the {container}.", "Toss the leftovers into the {container}."),
+                {"container": _BIN, "items": several(4, *_LEFTOVERS)},
+            ),
+            Theme(
+                "Cleaning up after a game night",
+                "living room",
+                ("Throw the trash into the {container}.", "Clear the litter into the {container}."),
+                {"container": _BIN, "items": _LITTER},
+            ),
         ),
     )
 )
-"""Scenarios of loose packing: a container and three items of different kinds."""
+"""Scenarios of loose packing: a container and three or four items of different kinds."""

@@ -4,6 +4,7 @@ from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, on
 from betterbench.tasks.authoring.templates import PATTERNED_ARRANGEMENT
 
 _LAPTOP, _PLATE = one("laptop"), one("place_plate")
+_DESK = ("computer_mouse", "mug", "speaker", "stapler", "tape_roll", "tumbler", "can", "drink_cup", "cup")
 
 
 def _laid(*vessels: str) -> Group:
@@ -62,6 +63,18 @@ GRAMMAR = register(
                 "diner",
                 ("Set the table around the {anchor} for the guest.", "Set a place at the table with the {anchor}."),
                 {"anchor": _PLATE, "items": _laid("drink_cup", "mug", "tumbler")},
+            ),
+            Theme(
+                "Working at a shared desk",
+                "coworking space",
+                ("Set up the workspace around the {anchor}.", "Arrange the desk around the {anchor} for work."),
+                {"anchor": _LAPTOP, "items": several(3, *_DESK)},
+            ),
+            Theme(
+                "Setting out drinks",
+                "patio table",
+                ("Set the table around the {anchor} for the guests.", "Arrange the table around the {anchor}."),
+                {"anchor": _PLATE, "items": several(3, "cup", "mug", "tumbler", "drink_cup", "can")},
             ),
         ),
     )

@@ -1,0 +1,40 @@
+"""Difficulty of a certified task, measured by the time that the expert needs."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable
+from enum import StrEnum
+
+from betterbench.certification.certificate import TrialCertificate
+from betterbench.sim.scenes import CONTROL_RATE_HZ
+
+
+class Difficulty(StrEnum):
+    """Level of difficulty of a task; see :func:`difficulty_of`."""
+
+    EASY = "easy"
+    MEDIUM = "medium"
+    HARD = "hard"
+
+
+EASY_BELOW_S, HARD_FROM_S = 10.0, 17.0
+"""Median times of the expert that separate the levels [s].
+
+Tasks of the seven templates have 7 to 8 s (one mug or plate), 14 to 16 s (two items, spices or desk objects), and
+18 to 21 s (drawers and stacks of layers); the levels lie between these groups.
+"""
+
+
+def median_s(trials: Iterable[TrialCertificate]) -> float:
+    """Return the median time of the expert in the trials of variations that require an action [s], 0 without any."""
+    steps = [trial.steps for trial in trials if not trial.training and not trial.watched]
+    return statistics.median(steps) / CONTROL_RATE_HZ if steps else 0.0
+
+
+def difficulty_of(trials: Iterable[TrialCertificate]) -> Difficulty:
+    """Return the level of a task from its certified trials."""
+    seconds = median_s(trials)
+    if seconds < EASY_BELOW_S:
+        return Difficulty.EASY
+    return Difficulty.MEDIUM if seconds < HARD_FROM_S else Difficulty.HARD

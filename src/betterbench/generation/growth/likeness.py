@@ -1,0 +1,73 @@
+"""Keys of near-duplicates: tasks with the same template and the same categories have the same key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Literal
+
+from betterbench.generation.building.casting import choices
+from betterbench.generation.grammar.theme import Kind
+from betterbench.generation.scenario import Scenario
+from betterbench.sim.assets import colors
+from betterbench.sim.assets.catalogue.search import Catalogue
+from betterbench.tasks import Condition, ObjectSpec, Task
+from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.tasks.condition import Role
+
+Distinct = Literal["categories", "colors"]
+"""Difference that makes two tasks no near-duplicates: another category, or another category or color."""
+
+_RECEIVERS: tuple[Role, ...] = ("container", "fixture")
+
+
+def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct = "categories") -> str:
+    """Return the key of objects, "loose_packing: apple, lemon, orange; lunchbox".
+
+    The key has the categories of the items and of the container, anchor or fixture, each once. Looks, names, numbers,
+    sides, the order of the objects, distractors and drawers are no part of it.
+
+    Args:
+        template: Name of the template.
+        kinds: Role, category and color of each object that is moved or receives others.
+        distinct: Whether colors are part of the key.
+    """
+    found: dict[bool, set[str]] = {False: set(), True: set()}
+    for role, (category, color) in kinds:
+        if role == "item" or role in _RECEIVERS:
+            colored = distinct == "colors" and color and len(colors(category)) > 1
+            found[role in _RECEIVERS].add(f"{color} {category}" if colored else category)
+    parts = [", ".join(sorted(names)) for names in (found[False], found[True]) if names]
+    return f"{template}: {'; '.join(parts)}"
+
+
+def key_of_choice(template: str, choice: Mapping[str, Iterable[Kind]], distinct: Distinct = "categories") -> str:
+    """Return the key of objects that the grammar chose, by ``group_id``."""
+    roles = _roles(template)
+    return key_of(template, ((roles[group], kind) for group, kinds in choice.items() for kind in kinds), distinct)
+
+
+def key_of_scenario(scenario: Scenario, catalogue: Catalogue, distinct: Distinct = "categories") -> str:
+    """Return the key of a scenario, from the assets that its descriptions find first.
+
+    Raises:
+        InvalidInputError: If a description has no suitable asset.
+    """
+    roles = _roles(scenario.template)
+    found = choices(scenario, catalogue)
+    kinds = ((roles[choice.group], (choice.entry.category, choice.entry.color)) for choice in found)
+    return key_of(scenario.template, kinds, distinct)
+
+
+def key_of_task(task: Task, distinct: Distinct = "categories") -> str:
+    """Return the key of a task, from the objects and targets of its training instructions."""
+    objects = (spec for condition in task.training for spec in _used(condition))
+    return key_of(task.template.name, ((o.role, (o.category, o.color or "")) for o in objects), distinct)
+
+
+def _used(condition: Condition) -> Iterator[ObjectSpec]:
+    for subgoal in condition.instruction.subgoals:
+        yield from map(condition.object, (*condition.resolve(subgoal.reference), subgoal.target))
+
+
+def _roles(template: str) -> Mapping[str, Role]:
+    return {group.group_id: group.role for group in TEMPLATES[template].groups}

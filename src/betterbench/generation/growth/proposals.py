@@ -1,0 +1,98 @@
+"""Journal of the scenarios that were proposed for a growing suite, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import RecordError
+from betterbench.generation.scenario import Scenario
+from betterbench.generation.scenario_form import scenario_from_json
+from betterbench.jobs.line_journal import LINK, LineJournal, link_after, linked_forms
+from betterbench.json_form import NO_TRUTH, read_form, strict_form
+
+FILE_NAME = "proposals.jsonl"
+"""Name of the file in the folder of a growing suite."""
+_CURE = "Restore the file from a copy, or choose another folder"
+
+Outcome = Literal["drawn", "near_duplicate", "refused"]
+"""Whether a proposal is built, has the goal of an earlier one, or did not make sense."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Proposed scenario.
+
+    Attributes:
+        number: Number of the proposal, from 1.
+        round: Number of the round of building to which it belongs, from 1.
+        template: Requested template.
+        context: Requested context, empty for any.
+        outcome: Whether it is built.
+        key: Key that near-duplicates share; empty if it is unknown.
+        task_id: Identifier of the task, if it is built.
+        scenario: Scenario in its stored form; None if the answer had none.
+        problem: Why it is not built: the earlier task with this goal, or the first problem of the last answer.
+    """
+
+    number: Annotated[int, NO_TRUTH, Field(ge=1)]
+    round: Annotated[int, NO_TRUTH, Field(ge=1)]
+    template: str
+    context: str
+    outcome: Outcome
+    key: str
+    task_id: str
+    scenario: dict[str, Any] | None
+    problem: str
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether it is built."""
+        return self.outcome == "drawn"
+
+    def read(self) -> Scenario:
+        """Return the scenario.
+
+        Raises:
+            InvalidInputError: If there is none.
+        """
+        return scenario_from_json(self.scenario or {}, where=f"proposal {self.number}")
+
+
+_PROPOSAL = TypeAdapter(Proposal)
+
+
+class ProposalFile(LineJournal):
+    """File to which proposals are appended, each on disk before the next one.
+
+    Raises:
+        RecordError: If a line was changed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.stored: list[Proposal] = []
+        self._link = ""
+        super().__init__(path, alone=True)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        for number, (form, link) in enumerate(linked_forms(self._path, lines, cure=_CURE), start=1):
+            where = f"{self._path}: line {number}"
+            self.stored.append(_read(form, where))
+            self._link = link
+
+    def append(self, proposal: Proposal) -> None:
+        """Append a proposal."""
+        form = asdict(proposal)
+        link = link_after(self._link, form)
+        self._append_line({**form, LINK: link})
+        self.stored.append(proposal)
+        self._link = link
+
+
+def _read(form: Mapping[str, Any], where: str) -> Proposal:
+    return read_form(_PROPOSAL, dict(form), where=where, cure=_CURE, raises=RecordError)

@@ -1,0 +1,158 @@
+"""Outcome of a growing suite, as it is stored and shown. Reading it starts no simulator."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from betterbench.generation.building.result import Result
+from betterbench.generation.growth.proposals import Proposal
+
+Stop = Literal["reached", "exhausted", "attempts"]
+"""Why the growth stopped: the number is reached, no scenario is left, or the largest number of attempts is made."""
+
+
+@dataclass(frozen=True, slots=True)
+class QuotaStanding:
+    """A quota and its state.
+
+    Attributes:
+        quota: The quota, as in the option.
+        kind: Property.
+        value: Value.
+        have: Number of tasks, or percentage of the variations for an axis.
+        least: Least amount in the same unit.
+        most: Largest amount, None for any.
+        unit: "tasks", or "% of the variations".
+        is_open: Whether it is not fulfilled.
+    """
+
+    quota: str
+    kind: str
+    value: str
+    have: float
+    least: float
+    most: float | None
+    unit: str
+    is_open: bool
+
+
+@dataclass(frozen=True, slots=True)
+class GrownTask:
+    """Certified task.
+
+    Attributes:
+        result: Its result.
+        context: Context of its scenario.
+        key: Key that near-duplicates share.
+        difficulty: Level.
+        expert_s: Median time of the expert in its variations [s].
+        variations: Number of variations by axis.
+        set_aside: Why it is no part of the suite; empty if it is.
+    """
+
+    result: Result
+    context: str
+    key: str
+    difficulty: str
+    expert_s: float
+    variations: dict[str, int]
+    set_aside: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Outcome of growing a suite.
+
+    Attributes:
+        until: Requested number of tasks.
+        stop: Why it stopped.
+        tasks: Certified tasks, in order; those with ``set_aside`` are no part of the suite.
+        refused: Results of scenarios that could not be certified.
+        proposals: All proposals; those that are not drawn were left out before they were built.
+        quotas: State of the quotas.
+        goals: Number of different goals of the author, None if it is not known.
+        near_duplicates: Number of scenarios of the author that were left out as near-duplicates.
+        known_goals: Number of goals left out because another suite has them.
+        suite: Folder of the suite; None if no task was accepted.
+    """
+
+    until: int
+    stop: Stop
+    tasks: tuple[GrownTask, ...]
+    refused: tuple[Result, ...]
+    proposals: tuple[Proposal, ...]
+    quotas: tuple[QuotaStanding, ...]
+    goals: int | None
+    near_duplicates: int
+    known_goals: int
+    suite: Path | None
+
+    @property
+    def accepted(self) -> tuple[GrownTask, ...]:
+        """Tasks of the suite."""
+        return tuple(task for task in self.tasks if not task.set_aside)
+
+    @property
+    def open_quotas(self) -> tuple[QuotaStanding, ...]:
+        """Quotas that are not fulfilled."""
+        return tuple(quota for quota in self.quotas if quota.is_open)
+
+    @property
+    def variations(self) -> int:
+        """Number of variations of the suite."""
+        return sum(sum(task.variations.values()) for task in self.accepted)
+
+    @property
+    def reason(self) -> str:
+        """Sentence about why the growth stopped, with the open quotas."""
+        number = len(self.accepted)
+        match self.stop:
+            case "reached":
+                text = f"{number} tasks are certified."
+            case "exhausted":
+                text = f"{number} of {self.until} tasks are certified, and no new scenario is left for the others."
+            case _:
+                built = len(self.tasks) + len(self.refused)
+                text = (
+                    f"{number} of {self.until} tasks are certified after {built} attempts, the largest number allowed."
+                )
+        if self.open_quotas:
+            listed = ", ".join(f"{q.quota} (has {q.have:.3g})" for q in self.open_quotas)
+            text += f" Open quotas: {listed}."
+        return text
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return {
+            "schema_version": 1,
+            "until": self.until,
+            "stop": self.stop,
+            "reason": self.reason,
+            "suite": None if self.suite is None else self.suite.name,
+            "variations": self.variations,
+            "tasks": [
+                {
+                    "task": task.result.task_id,
+                    "template": task.result.template,
+                    "context": task.context,
+                    "goal": task.key,
+                    "difficulty": task.difficulty,
+                    "expert_s": task.expert_s,
+                    "variations": task.variations,
+                    "set_aside": task.set_aside,
+                }
+                for task in self.tasks
+            ],
+            "refused": {result.task_id: result.attempts[0].reason for result in self.refused},
+            "left_out": [
+                {"number": p.number, "template": p.template, "outcome": p.outcome, "problem": p.problem}
+                for p in self.proposals
+                if not p.is_drawn
+            ],
+            "quotas": [asdict(quota) for quota in self.quotas],
+            "goals": self.goals,
+            "near_duplicates": self.near_duplicates,
+            "known_goals": self.known_goals,
+        }

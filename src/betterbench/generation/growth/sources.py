@@ -1,0 +1,245 @@
+"""Authors of the next scenario of a growing suite: the grammar, or a language model."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from betterbench.errors import BetterError, one_line
+from betterbench.generation.asking import KeptChat, Request, ask_for_scenario
+from betterbench.generation.grammar import grammar_of, nouns_of_library
+from betterbench.generation.grammar.author import scenario_of
+from betterbench.generation.grammar.theme import Choice, Theme
+from betterbench.generation.growth.likeness import Distinct, key_of_choice, key_of_scenario
+from betterbench.generation.growth.proposals import Outcome, Proposal
+from betterbench.generation.scenario import Scenario
+from betterbench.sim.assets.catalogue.search import Catalogue
+from betterbench.tasks.authoring.templates import TEMPLATES
+
+SAMPLED = 48
+"""Choices of colors of a goal among which the one with the least used colors is taken."""
+COMPARED = 400
+"""Goals of a context among which the one least like the earlier ones is taken."""
+PATIENCE = 5
+"""Answers of a model in a row without a new scenario after which a template counts as exhausted."""
+
+
+class Cell(NamedTuple):
+    """Template and context of a scenario; an empty context stands for any."""
+
+    template: str
+    context: str
+
+
+@dataclass(frozen=True, slots=True)
+class Proposed:
+    """Answer of an author.
+
+    Attributes:
+        outcome: Whether the scenario can be built.
+        scenario: The scenario; None if the author wrote none.
+        key: Key that near-duplicates share; empty if it is unknown.
+        problem: Why it cannot be built.
+    """
+
+    outcome: Outcome
+    scenario: Scenario | None
+    key: str = ""
+    problem: str = ""
+
+
+class Source(Protocol):
+    """Author of the next scenario, which also tells what it has (see :class:`~.quotas.Supply`)."""
+
+    @property
+    def templates(self) -> Sequence[str]:
+        """Templates of the scenarios."""
+
+    def contexts(self) -> Collection[str] | None:
+        """Return the contexts of the scenarios, None for any."""
+
+    def goals(self, templates: Collection[str], context: str | None = None) -> int | None:
+        """Return the number of different goals, None if it is not limited."""
+
+    def cells(self) -> Sequence[Cell]:
+        """Return the templates and contexts that may have a new scenario, in a fixed order."""
+
+    def propose(self, cell: Cell, number: int) -> Proposed:
+        """Return the next scenario of a template and a context. The number makes the proposal unique."""
+
+    def take(self, proposal: Proposal) -> None:
+        """Note a proposal, new or stored."""
+
+
+class OfflineSource:
+    """The grammar as an author: each goal once, those with the least used categories first.
+
+    Args:
+        templates: Templates of the scenarios.
+        seed: Seed of all draws.
+        distinct: Difference that makes two scenarios no near-duplicates.
+        known: Keys of other tasks, whose near-duplicates are left out.
+    """
+
+    def __init__(
+        self, templates: Sequence[str], *, seed: int = 0, distinct: Distinct = "categories", known: Collection[str] = ()
+    ) -> None:
+        self._templates, self._seed = tuple(templates), seed
+        self._left: dict[Cell, list[str]] = {}
+        self._choices: dict[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]] = {}
+        self.scenarios: Counter[str] = Counter()
+        for template in self._templates:
+            rng = np.random.default_rng([seed, *template.encode()])
+            found = _choices_of(template, distinct)
+            self._choices |= found
+            for (_, key), choices in found.items():
+                self.scenarios[key] += len(choices)
+            for cell in dict.fromkeys(cell for cell, _ in found):
+                keys = [key for owner, key in found if owner == cell]
+                self._left[cell] = [keys[i] for i in rng.permutation(len(keys))]
+        self.known = frozenset(known) & self.scenarios.keys()
+        self._done = set(self.known)
+        self._uses: Counter[tuple[str, str]] = Counter()
+
+    @property
+    def templates(self) -> tuple[str, ...]:
+        """Templates of the scenarios."""
+        return self._templates
+
+    def contexts(self) -> tuple[str, ...]:
+        """Return the contexts of the themes."""
+        return tuple(dict.fromkeys(cell.context for cell in self._left))
+
+    def goals(self, templates: Collection[str], context: str | None = None) -> int:
+        """Return the number of different goals, without those of other tasks."""
+        keys = {
+            key
+            for cell, key in self._choices
+            if cell.template in templates and context in (None, cell.context) and key not in self.known
+        }
+        return len(keys)
+
+    def cells(self) -> list[Cell]:
+        """Return the templates and contexts with a goal that was not drawn."""
+        for cell, keys in self._left.items():
+            if any(key in self._done for key in keys[:COMPARED]):
+                self._left[cell] = [key for key in keys if key not in self._done]
+        return [cell for cell, keys in self._left.items() if keys]
+
+    def propose(self, cell: Cell, number: int) -> Proposed:
+        """Return the scenario of a template and a context with the least used categories and colors."""
+        fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
+        key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
+        rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
+        every = self._choices[cell, key]
+        sample = rng.choice(len(every), size=min(SAMPLED, len(every)), replace=False)
+        theme, choice = min((every[i] for i in sample), key=lambda found: self._cost(cell, found[1], colored=True))
+        return Proposed("drawn", scenario_of(cell.template, theme, choice, rng), key)
+
+    def _cost(self, cell: Cell, choice: Choice, *, colored: bool) -> float:
+        """Return the mean number of earlier uses of the categories, or of the colored categories."""
+        names = [" ".join(kind) if colored else kind[0] for kinds in choice.values() for kind in kinds]
+        return sum(self._uses[cell.template, name] for name in names) / len(names)
+
+    def take(self, proposal: Proposal) -> None:
+        """Note a proposal: its goal is not drawn again."""
+        self._done.add(proposal.key)
+        if proposal.scenario is None:
+            return
+        for objects in proposal.read().groups.values():
+            for described in objects:
+                category, color = described.tags[0].replace(" ", "_"), described.tags[1]
+                self._uses.update([(proposal.template, category), (proposal.template, f"{category} {color}")])
+
+
+@functools.cache
+def _choices_of(template: str, distinct: Distinct) -> Mapping[tuple[Cell, str], tuple[tuple[Theme, Choice], ...]]:
+    """Return all choices of objects of a template by context and goal; this takes two seconds for all templates."""
+    found: dict[tuple[Cell, str], list[tuple[Theme, Choice]]] = {}
+    for theme in grammar_of(template).themes:
+        cell = Cell(template, theme.context)
+        for choice in theme.choices():
+            found.setdefault((cell, key_of_choice(template, choice, distinct)), []).append((theme, choice))
+    return {place: tuple(choices) for place, choices in found.items()}
+
+
+class ModelSource:
+    """A language model as an author.
+
+    Args:
+        templates: Templates of the scenarios.
+        chat: The model with its kept exchanges.
+        catalogue: Catalogue in which near-duplicates are found by their assets.
+        contexts: Contexts that can be requested, in addition to any.
+        tries: Answers per scenario.
+        open_vocabulary: Whether the model may use other objects than those of the library.
+        distinct: Difference that makes two scenarios no near-duplicates.
+        known: Names of other tasks by the key that their near-duplicates share.
+    """
+
+    def __init__(
+        self,
+        templates: Sequence[str],
+        chat: KeptChat,
+        catalogue: Catalogue,
+        *,
+        contexts: Sequence[str] = (),
+        tries: int = 3,
+        open_vocabulary: bool = False,
+        distinct: Distinct = "categories",
+        known: Mapping[str, str] | None = None,
+    ) -> None:
+        self._templates, self._chat, self._catalogue = tuple(templates), chat, catalogue
+        self._contexts, self._tries, self._open, self._distinct = tuple(contexts), tries, open_vocabulary, distinct
+        self._names: dict[str, str] = dict(known or {})
+        self._written: dict[str, list[Scenario]] = {template: [] for template in templates}
+        self._misses: Counter[str] = Counter()
+
+    @property
+    def templates(self) -> tuple[str, ...]:
+        """Templates of the scenarios."""
+        return self._templates
+
+    def contexts(self) -> None:
+        """Return None, because a model may write any context."""
+
+    def goals(self, templates: Collection[str], context: str | None = None) -> None:
+        """Return None, because the number is not known."""
+
+    def cells(self) -> list[Cell]:
+        """Return the templates whose last answers had a new scenario, with each context and with any."""
+        left = [template for template in self._templates if self._misses[template] < PATIENCE]
+        return [Cell(template, context) for template in left for context in ("", *self._contexts)]
+
+    def propose(self, cell: Cell, number: int) -> Proposed:
+        """Ask for a scenario.
+
+        Raises:
+            ModelError: If the model cannot be reached; earlier exchanges are kept.
+        """
+        vocabulary = None if self._open else nouns_of_library(cell.template)
+        request = Request(TEMPLATES[cell.template], "", vocabulary, self._written[cell.template], cell.context)
+        scenario, problem = ask_for_scenario(request, self._chat, number, tries=self._tries)
+        if scenario is None:
+            return Proposed("refused", None, problem=problem)
+        try:
+            key = key_of_scenario(scenario, self._catalogue, self._distinct)
+        except BetterError as error:
+            return Proposed("refused", scenario, problem=one_line(str(error), most=600))
+        if key in self._names:
+            return Proposed("near_duplicate", scenario, key, f"has the goal of {self._names[key]}")
+        return Proposed("drawn", scenario, key)
+
+    def take(self, proposal: Proposal) -> None:
+        """Note a proposal: later ones must differ from it, and misses in a row exhaust its template."""
+        self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
+        if proposal.scenario is not None:
+            self._written[proposal.template].append(proposal.read())
+        if proposal.is_drawn:
+            self._names[proposal.key] = proposal.task_id

@@ -1,0 +1,262 @@
+"""Choice of the next template and context, so that open quotas fill, and acceptance of certified tasks.
+
+All choices are functions of the accepted tasks and of the drawn scenarios, so they do not depend on workers or times.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.generation.growth.difficulty import Difficulty
+from betterbench.generation.growth.quotas import Kind, Quota
+from betterbench.generation.growth.sources import Cell
+from betterbench.tasks import Axis
+
+_LIKELY = 0.5
+"""Share of a template's tasks above which a level of difficulty is expected of the next one."""
+_TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """Properties of a certified task that quotas count.
+
+    Attributes:
+        variations: Number of variations by axis.
+    """
+
+    template: str
+    context: str
+    difficulty: str
+    variations: Mapping[str, int]
+
+
+_EXPECTED: Mapping[str, tuple[str, str]] = {
+    "patterned_arrangement": ("LLRROT", "medium"),
+    "loose_packing": ("LRROOTT", "medium"),
+    "constrained_positioning": ("LLLLOOT", "easy"),
+    "container_loading": ("LLROOTT", "hard"),
+    "logical_assembly": ("LRROTT", "hard"),
+    "precision_insertion": ("LLROT", "medium"),
+    "recursive_stacking": ("LLROTT", "easy"),
+}
+"""Axes of the variations and difficulty of one task of each template, measured; estimates begin with them."""
+
+
+class _Mix:
+    """Running mean of the tasks of a template: variations by axis, and shares of the levels of difficulty."""
+
+    def __init__(self, template: str) -> None:
+        letters, level = _EXPECTED.get(template, ("LROT", ""))
+        self._number = 1
+        self._axes: Counter[str] = Counter({axis.value: letters.count(axis.letter) for axis in Axis})
+        share = 1.0 / len(Difficulty)
+        self._levels = {d.value: (1.0 if d.value == level else 0.0) if level else share for d in Difficulty}
+
+    def add(self, traits: Traits) -> None:
+        """Take a task into account."""
+        self._number += 1
+        self._axes.update(traits.variations)
+        self._levels[traits.difficulty] += 1.0
+
+    def variations(self, axis: str) -> float:
+        """Return the mean number of variations on an axis."""
+        return self._axes[axis] / self._number
+
+    @property
+    def total(self) -> float:
+        """Mean number of variations."""
+        return sum(self._axes.values()) / self._number
+
+    def share(self, axis: str) -> float:
+        """Return the share of an axis in the variations."""
+        return self.variations(axis) / self.total
+
+    def level(self, difficulty: str) -> float:
+        """Return the share of tasks of a difficulty."""
+        return self._levels[difficulty] / self._number
+
+
+class _Tally:
+    """Counts of accepted tasks, and expected counts of scenarios that are being built."""
+
+    def __init__(self) -> None:
+        self.tasks = 0
+        self.counts: dict[tuple[Kind, str], float] = {}
+        self.variations = 0.0
+
+    def copy(self) -> _Tally:
+        """Return an independent copy."""
+        other = _Tally()
+        other.tasks, other.counts, other.variations = self.tasks, dict(self.counts), self.variations
+        return other
+
+    def of(self, kind: Kind, value: str) -> float:
+        """Return the count of a value."""
+        return self.counts.get((kind, value), 0.0)
+
+    def _count(self, kind: Kind, value: str, number: float) -> None:
+        self.counts[kind, value] = self.of(kind, value) + number
+
+    def add(self, traits: Traits) -> None:
+        """Count a task."""
+        self.tasks += 1
+        self._count("template", traits.template, 1.0)
+        self._count("context", traits.context, 1.0)
+        self._count("difficulty", traits.difficulty, 1.0)
+        for axis, number in traits.variations.items():
+            self._count("axis", axis, float(number))
+            self.variations += number
+
+    def expect(self, cell: Cell, mix: _Mix) -> None:
+        """Count a scenario that is being built as a task."""
+        self.tasks += 1
+        self._count("template", cell.template, 1.0)
+        self._count("context", cell.context, 1.0)
+        for level in Difficulty:
+            self._count("difficulty", level.value, mix.level(level.value))
+        for axis in Axis:
+            self._count("axis", axis.value, mix.variations(axis.value))
+        self.variations += mix.total
+
+
+class Steering:
+    """State of a growing suite: the accepted tasks, and what is expected of the templates.
+
+    Args:
+        quotas: The quotas.
+        until: Number of tasks.
+        templates: Templates of the author.
+    """
+
+    def __init__(self, quotas: Sequence[Quota], until: int, templates: Sequence[str]) -> None:
+        self._quotas, self._until = tuple(quotas), until
+        self._mixes = {template: _Mix(template) for template in templates}
+        self._tally = _Tally()
+        self._drawn: Counter[str] = Counter()
+
+    @property
+    def left(self) -> int:
+        """Number of tasks that are missing."""
+        return self._until - self._tally.tasks
+
+    def note(self, cell: Cell) -> None:
+        """Note a proposed scenario: templates and contexts without a quota take turns."""
+        self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
+
+    def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
+        """Return the template and context of the next scenario, or None if none can serve the open quotas.
+
+        The first criterion is the number of open quotas that a task would serve; then the least drawn template and
+        context are taken. While the missing tasks are all needed for the minimums of a property, only these are drawn.
+
+        Args:
+            cells: Templates and contexts that have a scenario.
+            pending: Those of the scenarios that are being built; each counts as a task.
+        """
+        tally = self._tally.copy()
+        for cell in pending:
+            tally.expect(cell, self._mixes[cell.template])
+        best: tuple[tuple[float, int, int], Cell] | None = None
+        for cell in cells:
+            if not self._is_allowed(cell, tally):
+                continue
+            drawn = self._drawn
+            rank = (self._served(cell, tally), -drawn[f"template {cell.template}"], -drawn[f"context {cell.context}"])
+            if best is None or rank > best[0]:
+                best = rank, cell
+        return None if best is None else best[1]
+
+    def _is_allowed(self, cell: Cell, tally: _Tally) -> bool:
+        values: Mapping[Kind, str] = {"template": cell.template, "context": cell.context}
+        for quota in self._quotas:
+            full = tally.of(quota.kind, quota.value) >= quota.most_of(self._until)
+            if quota.kind in values and quota.value == values[quota.kind] and full:
+                return False
+            is_likely = quota.kind == "difficulty" and self._mixes[cell.template].level(quota.value) > _LIKELY
+            if is_likely and full:
+                return False
+        places = self._until - tally.tasks
+        return all(
+            self._need(tally, kind, value) > 0.0 or self._needs(tally, kind) < places for kind, value in values.items()
+        )
+
+    def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
+        """Return the number of tasks of a value that its quota still needs."""
+        for quota in self._quotas:
+            if quota.kind == kind and quota.value == value:
+                return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
+        return 0.0
+
+    def _needs(self, tally: _Tally, kind: Kind) -> float:
+        return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
+
+    def _served(self, cell: Cell, tally: _Tally) -> float:
+        """Return the expected number of open quotas that a task would serve."""
+        mix, found = self._mixes[cell.template], 0.0
+        for quota in self._quotas:
+            match quota.kind:
+                case "template" | "context":
+                    own = cell.template if quota.kind == "template" else cell.context
+                    found += quota.value == own and self._need(tally, quota.kind, quota.value) > 0.0
+                case "difficulty":
+                    found += mix.level(quota.value) * (self._need(tally, quota.kind, quota.value) > 0.0)
+                case "axis":
+                    found += self._served_axis(quota, mix, tally)
+        return round(found, 9)
+
+    def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
+        """Return how far a task moves the share of an axis toward its quota, 1 for the best template."""
+        best = max(m.share(quota.value) for m in self._mixes.values()) or 1.0
+        share = 100.0 * tally.of("axis", quota.value) / tally.variations if tally.variations else 0.0
+        if share < quota.least:
+            return mix.share(quota.value) / best
+        if quota.most is not None and share > quota.most:
+            return 1.0 - mix.share(quota.value) / best
+        return 0.0
+
+    def take(self, traits: Traits) -> str:
+        """Accept a certified task, or return why the quotas have no place for it."""
+        self._mixes[traits.template].add(traits)
+        after = self._tally.copy()
+        after.add(traits)
+        places = self._until - after.tasks
+        if places < 0:
+            return f"{self._until} tasks are reached"
+        for quota in self._quotas:
+            if quota.kind != "axis" and after.of(quota.kind, quota.value) > quota.most_of(self._until):
+                return f"the quota {quota} is full"
+        for kind in _TASK_KINDS:
+            if self._needs(after, kind) > places:
+                return f"the open quotas of the {kind} need all remaining places"
+        for quota in self._quotas:
+            if quota.kind == "axis" and not self._is_reachable(quota, after, places):
+                return f"the quota {quota} could not be reached any more"
+        self._tally = after
+        return ""
+
+    def _is_reachable(self, quota: Quota, tally: _Tally, places: int) -> bool:
+        """Return whether the share of an axis can still be reached if the best template fills the remaining places."""
+        low, high = quota.least / 100.0, 1.0 if quota.most is None else quota.most / 100.0
+        number, total = tally.of("axis", quota.value), tally.variations
+        surplus = max(m.variations(quota.value) - low * m.total for m in self._mixes.values())
+        excess = min(m.variations(quota.value) - high * m.total for m in self._mixes.values())
+        return number - low * total + places * surplus > -1e-9 and number - high * total + places * excess < 1e-9
+
+    def best_share(self) -> dict[str, float]:
+        """Return the largest expected share of each axis in the variations of a task, over the templates."""
+        return {axis.value: max(mix.share(axis.value) for mix in self._mixes.values()) for axis in Axis}
+
+    def standing(self) -> list[tuple[Quota, float, bool]]:
+        """Return each quota with its count of tasks, or its percentage of the variations, and whether it is open."""
+        found = []
+        for quota in self._quotas:
+            have = self._tally.of(quota.kind, quota.value)
+            least, most = float(quota.least_of(self._until)), float(quota.most_of(self._until))
+            if quota.kind == "axis":
+                have = 100.0 * have / self._tally.variations if self._tally.variations else 0.0
+                least, most = quota.least, 100.0 if quota.most is None else quota.most
+            found.append((quota, have, not least - 1e-9 <= have <= most + 1e-9))
+        return found
