@@ -96,12 +96,12 @@ def test_the_page_is_there_while_the_power_is_measured(tmp_path: Path, monkeypat
     """It takes hours for a large suite; after an interruption, the page and the cards exist."""
     out = tmp_path / "out"
     monkeypatch.setattr(job, "build_suite", lambda *_, **__: BuildReport((), out / "generated-0123456789ab"))
-    monkeypatch.setattr(verb, "_draw_cards", lambda *_: {})
+    monkeypatch.setattr(verb, "draw_cards", lambda *_: {})
 
     def stopped(*_: object) -> None:
         assert "Suite generated-0123456789ab" in (out / PAGE).read_text()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(verb, "_measure_power", stopped)
+    monkeypatch.setattr(verb, "power_of_suite", stopped)
     with pytest.raises(KeyboardInterrupt):
         build_command((written(tmp_path, "001_packing.json"),), out=out, power=1)

@@ -337,6 +337,7 @@ def test_scenario_grammar_and_task_have_the_same_key(template: str, monkeypatch,
     from betterbench.generation.building.job import build_suite
 
     monkeypatch.setattr(attempts_module, "prove", proven(failing(), []))
+    monkeypatch.setattr(attempts_module, "badly_framed", lambda *_, **__: ())
     scenario = write_scenarios(template, 1, seed=2)[0]
     (result,) = build_suite([scenario], tmp_path / "out", name="kitchen", settings=Settings(1, 2)).results
     assert result.task is not None
@@ -421,6 +422,7 @@ def test_the_same_growth_gives_the_same_bytes_and_builds_nothing_twice(monkeypat
     """With the real building and pattern, and a proof without a simulator."""
     runs: list[str] = []
     monkeypatch.setattr(attempts_module, "prove", proven(failing(), runs))
+    monkeypatch.setattr(attempts_module, "badly_framed", lambda *_, **__: ())
     asked = settings(3, "template=loose_packing:1", build=Settings(1, 2))
 
     def run(out: str, stop_after: int | None = None) -> None:

@@ -28,7 +28,7 @@ GRAMMAR = register(
             Theme(
                 "Making an open burger",
                 "diner kitchen",
-                ("Build an open burger on the {base}.", "Assemble a burger on the {base}."),
+                ("Build a burger on the {base}.", "Assemble a burger on the {base}."),
                 {"base": one("bun_bottom"), "layers": _OPEN_BURGER},
             ),
         ),
