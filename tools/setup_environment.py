@@ -64,7 +64,7 @@ OVERRIDES = {"lerobot": ("rerun-sdk>=0.41", "pynput ; python_version < '3'")}
 # package that they were made for, which brings in a database and pandas.
 LEFT_OUT = {"assets": ("pyduck-janitor",)}
 # Packages with which an extra is resolved, so that a user gets the versions used in the tests.
-COMPANIONS = {"train": ("torch==2.13.0",), "being-h": ("torch==2.13.0",)}
+COMPANIONS = {"train": ("torch==2.13.0",), "being-h": ("torch==2.13.0",), "vlm": ("torch==2.13.0",)}
 # Packages that only PyTorch's GPU build needs.
 FOR_GRAPHICS_CARDS = re.compile(r"nvidia-|cuda-|triton$")
 NVIDIA_DEVICES = (Path("/proc/driver/nvidia/version"), Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"))

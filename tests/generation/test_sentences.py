@@ -41,7 +41,7 @@ ACCEPTED = [
     # into a container
     ("Pack the apple into the lunchbox", INSTRUCTION, {"apple": ""}),
     ("Pack the red apple and the lemon into the blue lunchbox", INSTRUCTION, {"apple": "", "lemon": ""}),
-    ("Pack two apples into the lunchbox", INSTRUCTION, {"green apple": "", "yellow apple": ""}),
+    ("Pack two apples into the lunchbox", INSTRUCTION, {"red apple": "", "yellow apple": ""}),
     ("Pack all fruit into the lunchbox", INSTRUCTION, {"apple": "", "orange": "", "lemon": ""}),
     ("Pack the apple on the counter into the lunchbox", INSTRUCTION, {"apple": ""}),
     ("Fill the lunchbox with an apple and a lemon", INSTRUCTION, {"apple": "", "lemon": ""}),
@@ -69,7 +69,7 @@ ACCEPTED = [
     # layers
     ("Build a cheeseburger on the bottom bun", INSTRUCTION, {"patty": "1", "top bun": "3"}),
     ("Stack the patty, then the cheese on the bottom bun", REWORDED, {"patty": "1", "cheese slice": "2"}),
-    ("Build a tower of three blocks on the plate", INSTRUCTION, {"red block": "1"}),
+    ("Build a tower of three blocks on the plate", INSTRUCTION, {"brown round block": "1"}),
     # holes
     ("Put the salt jar into the left hole of the rack", INSTRUCTION, {"salt jar": "hole_1"}),
     ("Put the salt into the right hole and the pepper into the left hole of the rack", INSTRUCTION,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
     from betterbench.records import RunFolder
@@ -23,7 +23,7 @@ def compare_command(
     sequential: bool = False,
     allow_mixed: bool = False,
     fail_if_worse: bool = False,
-    column: Literal["strict", "parsed", "extracted"] | None = None,
+    column: str | None = None,
     out: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
@@ -45,8 +45,8 @@ def compare_command(
         allow_mixed: Compare runs of different versions or engines anyway.
         fail_if_worse: Exit with status 1 if the first run is significantly worse than another one over all variations;
             for continuous integration.
-        column: For runs of better vlm: scores of strictly read answers, of all that the parser read (default), or with
-            an extractor.
+        column: For runs of better vlm: scores of strictly read answers (strict), of all that the parser read (parsed,
+            the default), or with an extractor (extracted).
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
         overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
@@ -92,12 +92,15 @@ def _static(
 ) -> None:
     """Compare runs of better vlm step by step."""
     from betterbench.cli.output.vlm import print_steps
+    from betterbench.vlm.scoring import COLUMNS
     from betterbench.vlm.steps import step_table
 
     if len(static) < len(runs):
         other = next(path for path in runs if path not in static)
         problem = f"{static[0]} is a run of better vlm, and {other} is not"
         raise InvalidInputError("better compare", problem, "Compare runs of one kind")
+    if column not in COLUMNS:
+        raise UnknownNameError("column", column, COLUMNS)
     table = step_table(runs, names=name, column=column, alpha=alpha)
     if json:
         print_json(table.to_json())

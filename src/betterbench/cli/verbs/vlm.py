@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
-from betterbench.cli.verbs.vqa import CoordinateNames
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.jobs import OnCount
     from betterbench.vlm import Benchmark, ItemSet
     from betterbench.vlm.models.eyes import Eyes
+    from betterbench.vqa.coordinates import Coordinates
     from betterbench.vqa.llm import Model
 
 FETCH = "fetch"
 """First word of a command that downloads data."""
 PROBE = "probe"
 """First word of a command that finds out the convention of a model's coordinates."""
-IN_PROCESS = "hf:"
-"""Beginning of the address of a checkpoint in this process."""
+IN_PROCESS = "hf"
+"""Scheme of the address of a checkpoint in this process, before a colon."""
 
 
 def vlm_command(
@@ -35,7 +35,7 @@ def vlm_command(
     data: Path | None = None,
     out: Path | None = None,
     prompt: str | None = None,
-    coordinates: CoordinateNames | None = None,
+    coordinates: str | None = None,
     eyes: Literal["native", "tile-1", "blur-224", "native-224"] = "native",
     max_tiles: int | None = None,
     probe: bool = True,
@@ -65,7 +65,8 @@ def vlm_command(
         data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
         out: Folder of the run.
         prompt: Identifier of the prompt; our own if not given.
-        coordinates: Order, scale and form of the model's points and boxes, which our own prompts state (fractions for
+        coordinates: Order, scale and form of the model's points and boxes (pixels, thousandths, fractions,
+            thousandths-json, thousandths-yx-json or percent-xml), which our own prompts state (fractions for
             refspatial, pixels for better-vqa if not given). It is never guessed.
         eyes: Resolution of the pictures: unchanged, one tile of 448 pixels, 224 pixels shown as 448, or 224 pixels.
         max_tiles: Maximum number of InternVL's tiles per picture, 12 if not given; an endpoint gets it as vLLM's
@@ -93,15 +94,16 @@ def vlm_command(
         raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
 
     from betterbench.vlm.models.eyes import Eyes
+    from betterbench.vqa.coordinates import convention
 
-    resolution = Eyes(eyes)
+    resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
-    if model.startswith(IN_PROCESS):
-        at_once = 1
+    if _folder_of(model) is not None:
+        at_once = 1  # its threads are those of one request
     if chosen is None:
         asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
-        _probe(asked, out, coordinates=coordinates, eyes=resolution, at_once=at_once, json=json)
+        _probe(asked, out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the run")
@@ -115,10 +117,10 @@ def vlm_command(
     if extractor is not None:
         reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
     wording = find_prompt(chosen.name, prompt)
-    convention = wording.convention(coordinates, chosen.coordinates)
+    spoken = wording.convention(declared, chosen.coordinates)
     settings = RunSettings(
         wording,
-        convention,
+        spoken,
         eyes=resolution,
         most_tiles=max_tiles,
         at_once=at_once,
@@ -136,21 +138,28 @@ def vlm_command(
     OUT.print(str(out), markup=False, soft_wrap=True)
 
 
+def _folder_of(model: str) -> Path | None:
+    """Return the folder of a checkpoint in this process, or None for another model."""
+    scheme, _, folder = model.partition(":")
+    return Path(folder).expanduser() if scheme == IN_PROCESS else None
+
+
 def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key_variable: str) -> Model:
     """Return the model at an address: a chat endpoint, or a checkpoint in this process."""
     from betterbench.vlm.models.eyes import MYOPIC, Eyes
     from betterbench.vlm.models.tiles import MOST_TILES
     from betterbench.vqa.llm import ChatModel, endpoint_at
 
-    if not address.startswith(IN_PROCESS):
+    folder = _folder_of(address)
+    if folder is None:
         further = None if max_tiles is None else {"mm_processor_kwargs": {"max_dynamic_patch": max_tiles}}
-        otherwise = f"{IN_PROCESS}FOLDER"
+        otherwise = f"{IN_PROCESS}:FOLDER"
         endpoint = endpoint_at(address, key_variable=key_variable, otherwise=otherwise, further=further)
         return ChatModel(endpoint, max_tokens)
     from betterbench.vlm.models.intern_vl import InternVl
 
     return InternVl(
-        Path(address.removeprefix(IN_PROCESS)).expanduser(),
+        folder,
         most_tiles=(max_tiles or MOST_TILES) if eyes is Eyes.NATIVE else 1,
         side=MYOPIC if eyes is Eyes.NATIVE_224 else None,
         max_tokens=max_tokens,
@@ -158,7 +167,7 @@ def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key
 
 
 def _probe(
-    asked: Model, out: Path | None, *, coordinates: CoordinateNames | None, eyes: Eyes, at_once: int, json: bool
+    asked: Model, out: Path | None, *, coordinates: Coordinates | None, eyes: Eyes, at_once: int, json: bool
 ) -> None:
     """Find out in which convention a model answers, and print it."""
     from tempfile import TemporaryDirectory

@@ -121,7 +121,7 @@ GRAMMAR = register(
             ),
             Theme(
                 "Clearing out the fridge",
-                "kitchen on trash day",
+                "kitchen by the fridge",
                 ("Throw the leftovers into the {container}.", "Clear the leftovers into the {container}."),
                 {"container": _BIN, "items": several(3, *_LEFTOVERS)},
             ),
