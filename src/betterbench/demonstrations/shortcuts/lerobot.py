@@ -346,7 +346,7 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
-    """Return at most :data:`MOST_EPISODES` episodes, drawn by rank with each instruction in proportion."""
+    """Return at most :data:`MOST_EPISODES` episodes, drawn at random; each instruction keeps its proportion."""
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
     by_text: dict[str, list[_Stretch]] = {}

@@ -141,7 +141,7 @@ class EpisodeAnalysis:
     def opened_first(self) -> tuple[Step, ...]:
         """Attempts that open a drawer before a wrong first choice, because they belong to that choice.
 
-        A wrong drawer before a right first choice is a mistake of its own.
+        A wrong drawer before a correct first choice is a separate mistake.
         """
         first = self.first_choice
         if first is None or first.target is AttemptTarget.ASKED:

@@ -90,7 +90,7 @@ def noun_of(entry: CatalogueEntry) -> str:
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return the nouns that an object may be called by, as terms without colors: its kind and the first tags."""
+    """Return the possible nouns for an object, as terms without colors: its kind and its first tags."""
     nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
     found = (tuple(terms(noun)) for noun in nouns)
     return {tuple(word for word in words if word not in COLORS) or words for words in found}

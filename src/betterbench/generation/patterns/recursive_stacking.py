@@ -150,9 +150,10 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 
 
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
-    """Yield each instruction with each slot of its plate, for either position of the lowest plate.
+    """Yield each instruction with its plate in each slot, for both positions of the lowest plate.
 
-    Nothing else fits to the right of the right position, so that position occurs with the left slots only.
+    If the lowest plate is in the right position, there is no room for other plates on the right, so only the left
+    slots are used.
     """
     base, middle, top = plates.base, plates.middle, plates.top
     on_base = {o: plates.onto((o, base)) for o in (middle, top)}

@@ -29,7 +29,7 @@ def parse_xml(text: bytes, where: str) -> ET.Element:
     """
     if len(text) > MAX_XML_BYTES:
         raise InvalidInputError(
-            where, f"it has more than {MAX_XML_BYTES >> 20} MB", "Keep meshes in files of their own"
+            where, f"it has more than {MAX_XML_BYTES >> 20} MB", "Keep meshes in separate files"
         )
     builder = ET.TreeBuilder()
     parser = expat.ParserCreate(namespace_separator=None)

@@ -125,7 +125,7 @@ EGOPLAN2 = Benchmark(
         files=(DataFile("EgoPlan-Bench2.json", 1.95),),
         license="none stated",
         terms=(
-            "The videos are Ego4D v1_288p. Ego4D has a license agreement of its own, which each user signs at "
+            "The videos are Ego4D v1_288p. Ego4D has its own license agreement, which each user signs at "
             "ego4d-data.org; videos and frames must not be passed on and are not downloaded here."
         ),
         layout=_LAYOUT,

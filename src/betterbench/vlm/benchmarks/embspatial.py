@@ -76,7 +76,7 @@ EMBSPATIAL = Benchmark(
         repository="Phineas476/EmbSpatial-Bench",
         files=(DataFile("embspatial_bench.json", 254.0),),
         license="CC-BY-4.0",
-        terms="The pictures come from Matterport3D, ScanNet and AI2-THOR, which have terms of their own.",
+        terms="The pictures come from Matterport3D, ScanNet and AI2-THOR, which have their own terms.",
         layout=_LAYOUT,
     ),
     headline=Headline(),

@@ -115,7 +115,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 
 
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
-    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are not assets."""
+    """Return the files that get no separate row: parts of a URDF or MJCF file, and XML files that are not assets."""
     found: set[Path] = set()
     for file in files:
         if file.suffix.lower() not in (".urdf", ".xml"):

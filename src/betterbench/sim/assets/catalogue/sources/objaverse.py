@@ -134,7 +134,7 @@ def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
 
 def _open(target: str, options: SourceOptions) -> _Objaverse:
     if options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "each model has a license and an author of its own", "Leave these options out")
+        raise InvalidInputError(NAME, "each model has its own license and author", "Leave these options out")
     if not target:
         return _Objaverse(_downloaded())
     root = Path(target).absolute()
