@@ -1145,7 +1145,7 @@ class PressesLookAlike(Listed):
 
 
 class WaversThenTakesLookAlike(Listed):
-    """Moves back and forth between the right object and the look-alike, picks the latter, and drops it behind the target.
+    """Moves back and forth between the right object and the look-alike, picks the latter, drops it behind the target.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """
