@@ -30,29 +30,28 @@ def generate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write scenarios of a template, or scenarios about a sentence, which chooses the template.
+    """Write scenarios of a template, or scenarios for a sentence, whose words choose the template.
 
     A scenario is a context with an instruction and described objects. The offline author needs no model: it combines
-    objects of the library that make sense together. The answers of a language model are checked against the form and
-    against sense; what is wrong is sent back to the model. Every exchange is kept in exchanges.jsonl, and --replay
-    repeats it without the model. The same command gives the same files and resumes, also after Ctrl-C.
+    objects of the library that belong together. The answers of a language model are checked for form and plausibility,
+    and problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
+    answers instead of the model. The same command gives the same files, and resumes after an interruption.
 
     Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
 
     Args:
         target: Name of a template (better list templates), or a sentence in quotes.
         out: Folder of the scenarios.
-        num: Number of scenarios; if not given, 10 of a template, or one about a sentence.
+        num: Number of scenarios; by default, 10 of a template, or one for a sentence.
         model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
             http://localhost:8000/v1#my-model.
         seed: Seed of the offline author.
         tries: Number of answers of a model per scenario.
         vocabulary: Objects that a model may use: those of the library, or any.
-        replay: File exchanges.jsonl of an earlier run, which answers for the model.
+        replay: File exchanges.jsonl of an earlier run, with the answers to use instead of a model.
         key_variable: Environment variable with the key of the endpoint.
         build: Build and certify the tasks in the subfolder "build", with the defaults of better build.
-        catalogue: With --build: catalogue of better assets index, from which objects that the library lacks are
-            imported.
+        catalogue: With --build: catalogue of better assets index, to import objects that are missing in the library.
         overwrite: Replace files in the folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
@@ -81,7 +80,7 @@ def generate_command(
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:
-    """Print the scenarios, and those that the model did not get right."""
+    """Print the scenarios, and the scenarios without a valid answer from the model."""
     from betterbench.generation.scenario_form import scenario_to_json
 
     if json:

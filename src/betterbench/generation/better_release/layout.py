@@ -24,7 +24,7 @@ from betterbench.sim.assets import CollisionPart
 from betterbench.tasks import Slot, get_task, suite_tasks
 
 SAME_SLOT_M = 0.025
-"""Largest distance between two positions in one slot [m]: a jitter of 15 mm and the precision of a placement by hand."""
+"""Largest distance between two positions in one slot [m]: a jitter of 15 mm and the precision of manual placement."""
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
 """Jitter of slots, and of slots of targets [m]."""
 GAP_M = 0.04

@@ -1,7 +1,7 @@
 """Relations of the release in an initial scene.
 
 The release evaluates relations on axis-aligned boxes of its assets, whose sizes are not in the task files. Relations
-that depend on a size are therefore estimated with the matched assets of our library. Without a matched asset, a relation
+that depend on a size are therefore estimated with the matched assets of our library. A relation without a matched asset
 is undecided.
 """
 

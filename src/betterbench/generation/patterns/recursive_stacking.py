@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """The lowest plate, and the two that are put on it and on each other."""
+    """The lowest plate, and the two plates that are put on it and on each other."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -44,7 +44,7 @@ class _Plates:
     words: dict[str, str]
 
     def onto(self, *steps: tuple[ObjectSpec, ObjectSpec]) -> a.Instruction:
-        """Return the instruction to put plates on plates, from below."""
+        """Return the instruction to put plates on plates, from bottom to top."""
         parts = [f"the {upper.kind} on the {lower.kind}" for upper, lower in steps]
         goals = (a.subgoal(f"{u.name}_on_{lo.name}", a.ON_PLATE, u, lo, word=self.words[u.kind]) for u, lo in steps)
         return a.ordered(f"Put {', then '.join(parts)}.", *goals)
@@ -54,8 +54,8 @@ class _Plates:
 def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task in which two plates are put on the widest one, or the second on the first.
 
-    A plate that goes on another in the instruction of the scenario goes on it in training. The plate with a look-alike
-    is the middle one of the whole stack. Distractors are not used: the plates take up the table.
+    If the instruction of the scenario puts one plate on another, so does training. The plate with a look-alike is the
+    middle plate of the whole stack. Distractors are not used, because the plates fill the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit

@@ -51,7 +51,7 @@ _DESCRIBED = TypeAdapter(tuple[_Described, ...])
 
 @dataclass(frozen=True, slots=True)
 class _Folder:
-    """The mesh files of a folder and the folders below it."""
+    """The mesh files of a folder and its subfolders."""
 
     root: Path
     name: str

@@ -115,7 +115,7 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
     """Return the object in a packed file.
 
-    The result is empty if it is missing or damaged, and damage is reported to the caller.
+    The result is empty if the file is missing or damaged; damage is reported to the caller.
     """
     if not path.exists():
         return {}
