@@ -36,7 +36,7 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return which two objects of a condition may touch at the ends of their jitter, or None.
+    """Return two objects of a condition that may touch at the ends of their jitter, or None.
 
     Containers, fixtures and objects that are longer than wide count as the rectangle of their bounding box, other
     objects as circles around their origin. Objects that start at a target are ignored.

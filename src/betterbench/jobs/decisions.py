@@ -80,7 +80,7 @@ class DecisionLine(Protocol):
         """Displayed name of the subject."""
 
     def misfit(self, changes: int) -> str:
-        """Return why the decision does not fit a history with a number of changes, "" if it does."""
+        """Return the reason why the decision does not match the number of earlier changes, or ""."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)

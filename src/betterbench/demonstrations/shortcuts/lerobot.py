@@ -412,7 +412,7 @@ def _read(
 
 
 def _odd(column: str, values: _Floats) -> str:
-    """Return why values are unusable, "" if they are usable."""
+    """Return the reason why values are unusable, or ""."""
     if not np.isfinite(values).all():
         return f"{NOT_FINITE} (in {column})"
     return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""

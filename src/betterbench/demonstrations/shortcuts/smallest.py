@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return what a fraction means, in words."""
+    """Return the meaning of a fraction in words."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:
@@ -109,7 +109,7 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return how many permutations may reach the value of the data for a corrected p-value of at most a level.
+    """Return the number of permutations that may reach the value of the data if the corrected p-value is significant.
 
     Negative if even zero is too many: the smallest p-value times the number of tests is above the level.
     """

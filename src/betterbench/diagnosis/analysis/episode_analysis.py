@@ -35,7 +35,7 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """How an attempt's object relates to the instruction at the time of the attempt."""
+    """Relation of an attempt's object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The due step of the instruction refers to the object."""

@@ -40,7 +40,7 @@ _DESKS = tuple(
 """Tables of the suite's desk_meeting: six slots in front, three for each position of the anchor.
 
 The anchor has less jitter than in the suite, so that no exchange of objects causes contact. The anchor is as far
-from the robot as the objects in front allow: the nearer the anchor, the less of the space behind a laptop is in reach."""
+from the robot as the objects in front allow: the nearer the anchor, the less space behind a laptop is in reach."""
 
 _SETTING = Table(
     starts=(

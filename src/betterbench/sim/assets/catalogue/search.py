@@ -295,7 +295,7 @@ class Catalogue:
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()}
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return which rows pass the filters, (n,) bool, or None for all."""
+        """Return a mask of the rows that pass the filters, (n,) bool, or None for all."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))

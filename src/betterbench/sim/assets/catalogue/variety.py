@@ -121,7 +121,7 @@ def _between(one: Chosen, other: Chosen) -> float:
 
 
 def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
-    """Return how much the proportions of two boxes differ, as the largest logarithm of a side ratio."""
+    """Return the difference in the proportions of two boxes, as the largest logarithm of a side ratio."""
     if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
         return 0.0
     pairs = zip(first.size_m, second.size_m, strict=True)

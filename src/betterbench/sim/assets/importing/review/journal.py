@@ -53,7 +53,7 @@ class Review:
         return self.asset
 
     def misfit(self, changes: int) -> str:
-        """Return why a verdict does not fit a number of changes, "" if it does."""
+        """Return the reason why a verdict does not match the number of changes, or ""."""
         decision = self.decision
         if not isinstance(decision, Verdict) or decision.verdict == "reject":
             return ""
