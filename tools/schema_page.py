@@ -22,7 +22,7 @@ _INTRODUCTION = """\
 # Forms of tasks and suites
 
 A task, a template and a suite can be written as JSON, see [your task in your own file](own-tasks.md). The tables list
-all fields; a field without a default is required, and unknown fields are refused. The schemas
+all fields; a field without a default is required, and unknown fields are an error. The schemas
 [task.json](schemas/task.json), [template.json](schemas/template.json) and [suite.json](schemas/suite.json) (JSON
 Schema, draft 2020-12) are for editors and for programs that write tasks. A schema cannot express that names exist, that
 conditions follow their template or that a regime contains no test; `task_from_json` checks this too."""
@@ -124,7 +124,7 @@ _TEXTS = {
     "Meta": {
         "name": "name of the template",
         "title": "title",
-        "description": "what is asked for",
+        "description": "the task in one sentence",
         "challenge": "difficulty",
         "goal": "state at the end of a successful episode",
         "premise": "state at the start",
