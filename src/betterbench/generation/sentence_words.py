@@ -57,7 +57,7 @@ NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word of the noun phrase with a noun at this place, empty if it has none."""
+    """Return the number word of the noun phrase with a noun at this place, or an empty text."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word

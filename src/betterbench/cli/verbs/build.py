@@ -134,7 +134,7 @@ def build_and_tell(
                 last = progress.last
                 bar.update(task, completed=progress.done, note="" if last is None else last.task_id)
                 if last is not None and not last.certified:
-                    say(f"{last.task_id}: refused: {last.attempts[0].reason}")
+                    say(f"{last.task_id}: rejected: {last.attempts[0].reason}")
 
             built = build_suite(
                 scenarios,

@@ -101,5 +101,5 @@ def _tell(made: Generated, out: Path, *, json: bool) -> None:
     if made.reworded:
         say(f"The instruction is not your sentence, which {made.reworded}.")
     for left_out in made.refused:
-        say(f"scenario {left_out.number} was refused after {left_out.tries} tries: {left_out.problem}")
+        say(f"scenario {left_out.number} was rejected after {left_out.tries} tries: {left_out.problem}")
     OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)

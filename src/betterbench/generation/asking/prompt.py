@@ -104,7 +104,7 @@ def written_lines(written: Sequence[Scenario]) -> str:
 
 
 def correction(answer: str, problems: Sequence[str]) -> list[Message]:
-    """Return the messages that send a refused answer back with its problems."""
+    """Return the messages that send a rejected answer back with its problems."""
     listed = "\n".join(f"- {problem}" for problem in problems)
     cure = "Write the whole answer again, as JSON only, with these fields corrected."
     text = f"This answer was refused:\n{listed}\n\n{cure}"

@@ -260,7 +260,7 @@ class _Maker:
         return ("beside", side) if side and side in regions else None
 
     def _is_covered(self, predicate: ReleasePredicate, variation: Resolved) -> bool:
-        """Return whether a predicate is a goal, or a fail predicate that our exclusive goal covers."""
+        """Return whether a predicate is a goal, or a fail predicate that our exclusive goal implies."""
         if predicate in variation.success:
             return self._relation(predicate) is not None
         return predicate.target_id == variation.container and predicate.relation in ("in", "on")

@@ -285,7 +285,7 @@ class ReleaseTask:
         groups: Ids of the container, goal, fail and decor objects in ``object_universe.yaml``.
         candidates: Source ids of an object's assets by object id; None without ``asset_bindings.yaml``.
         names: Further names of objects by id, from ``asset_bindings.yaml``.
-        template: Constraint template, or None if the clone has none.
+        template: Constraint template, or None if it is missing in the clone.
     """
 
     folder: Path

@@ -86,7 +86,7 @@ def build_task(
 ) -> Built:
     """Return a certified task for a scenario, or the reason why every attempt failed.
 
-    A scenario with other groups than its template, or whose instruction asks for another goal, is refused without an
+    A scenario whose groups differ from the template, or whose instruction states another goal, is rejected without an
     attempt.
     """
     problem = _problem_of(scenario)

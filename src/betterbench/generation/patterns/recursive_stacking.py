@@ -83,7 +83,7 @@ def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
     """Check that a plate can stand on another."""
     for spec in (upper, lower):
         if not {"base", "floor"} <= footprint(spec.category).regions:
-            problem = f"a {spec.kind} (category {spec.category}) is no plate: it lacks the region 'base' or 'floor'"
+            problem = f"a {spec.kind} (category {spec.category}) is not a plate: it lacks the region 'base' or 'floor'"
             raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates of the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:

@@ -1,6 +1,6 @@
 """The file of a review, with one appended JSON line per decision, and the history of each object in it.
 
-The mechanism is that of :mod:`betterbench.jobs.decisions`; here are the lines about imported objects.
+This module defines the lines about imported objects; :mod:`betterbench.jobs.decisions` has the mechanism.
 """
 
 from __future__ import annotations
