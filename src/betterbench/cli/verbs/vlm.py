@@ -197,7 +197,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
 
 
 def _made(questions: int, workers: int) -> Path:
-    """Make or resume a question set about one trial of the expert on each condition of the suite, and return it."""
+    """Make or resume a question set from one expert trial per condition of the suite, and return the set."""
     import platformdirs
 
     from betterbench.cli.verbs.evaluate import run_with_bar

@@ -229,7 +229,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Return first values matched with the outcomes of their demonstrations."""
+    """Return the first values in an order that best matches the outcomes of the demonstrations."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")

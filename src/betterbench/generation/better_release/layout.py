@@ -155,7 +155,7 @@ def place_slots(
 def _same_slot(
     clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
-    """Return the cluster nearest to a position that no other object of the variation uses."""
+    """Return the cluster nearest to a position, without clusters of other objects of the variation."""
     near = [
         c
         for c in clusters

@@ -77,7 +77,7 @@ class Learner:
 
         Args:
             shown: A batch of one sample.
-            seed: Seed of a flow's noise.
+            seed: Seed of the noise of a flow-matching learner.
         """
         noise = None
         if self.trained.recipe.loss == "flow":

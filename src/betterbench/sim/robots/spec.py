@@ -145,7 +145,7 @@ def robot(name: str) -> RobotSpec:
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
     """Return a new MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
-    Physics is the same without visual meshes. Raises UnknownNameError for an unknown robot, MissingDependencyError if
+    Physics is the same without visual meshes. Raises UnknownNameError for an unknown robot, and MissingDependencyError if
     the package with the meshes is not installed.
     """
     robot(name)
