@@ -127,7 +127,7 @@ _TEXTS = {
     "Meta": {
         "name": "name of the template",
         "title": "title",
-        "description": "what is asked for",
+        "description": "the task in one sentence",
         "challenge": "difficulty",
         "goal": "state at the end of a successful episode",
         "premise": "state at the start",

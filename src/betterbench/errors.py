@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
-"""Default maximum of characters of an external text in a message."""
+"""Default maximum number of characters of external text in a message."""
 
 UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
@@ -27,7 +27,7 @@ UNPRINTABLE = re.compile(
 
 
 def printable(text: str, *, most: int) -> str:
-    """Return an external text without escape sequences and with bounded length, keeping line breaks.
+    """Return external text without escape sequences and with bounded length, keeping line breaks.
 
     Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and characters beyond the first ``most`` by their number.
     """
@@ -38,7 +38,7 @@ def printable(text: str, *, most: int) -> str:
 
 
 def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
-    """Return an external text for a message: :func:`printable`, and on one line."""
+    """Return external text on one line for a message, made safe by :func:`printable`."""
     # cut a long text before splitting, with room for the removed white space
     line = " ".join(str(text)[: 4 * most + 1].split())
     return printable(line, most=most)

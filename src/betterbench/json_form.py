@@ -40,7 +40,7 @@ SEAL = "seal"
 """Key of a document's seal: the SHA-256 of all other content. A seal reveals damage, but does not prove authorship."""
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
-"""Class decorator that refuses unknown keys, non-finite numbers and values of another type, including 1 for true."""
+"""Class decorator that rejects unknown keys, non-finite numbers and values of another type, including 1 for true."""
 
 open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
 """The same, but ignoring unknown keys, for parts of a file that another version may have written."""

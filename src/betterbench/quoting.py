@@ -20,7 +20,7 @@ from urllib.parse import quote
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
 
 LONGEST_TEXT = 2000
-"""Maximum characters of one external text in a page, a figure or a table, where it may occur a thousand times."""
+"""Maximum characters of external text in a page, a figure or a table, where it may occur a thousand times."""
 
 
 # -------------------------------------------------------------------------------------------------------------- shell

@@ -248,7 +248,7 @@ CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
         (smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2]), "has 2 objects"),
         (
             smaller(RECURSIVE_STACKING[0], "plates", *RECURSIVE_STACKING[0].groups["plates"][:2], ROUND),
-            "block.*is no plate: it lacks the region",
+            "block.*is not a plate: it lacks the region",
         ),
     ],
 )

@@ -123,7 +123,7 @@ def test_frames_that_are_missing_are_named(tmp_path):
     for file in (folder / "keyframes" / "0a1b-2c3d-1_2").iterdir():
         file.unlink()
     (folder / "keyframes" / "0a1b-2c3d-1_2").rmdir()
-    with pytest.raises(InvalidInputError, match=r"row 3, column sample_id: 0a1b-2c3d-1_2 has no pictures"):
+    with pytest.raises(InvalidInputError, match=r"row 3, column sample_id: 0a1b-2c3d-1_2 has no images"):
         find_benchmark("egoplan2").load(folder)
 
 

@@ -177,7 +177,7 @@ def test_coordinates_in_a_wrong_convention_are_pointed_at(tmp_path, serve, capsy
     folder = published.refspatial_raw(tmp_path / "data")
     server = serve(lambda _: "[(625, 375)]")
     assert main(words("refspatial", folder, server.url, tmp_path / "run")) == 0
-    assert "9 answers have a place outside the picture in the declared convention (fractions)" in (
+    assert "9 answers have a place outside the image in the declared convention (fractions)" in (
         capsys.readouterr().out.replace("\n", " ").replace("  ", " ")
     )
     assert "between 0 and 1" not in texts_of(server.asked[0])

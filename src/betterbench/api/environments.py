@@ -64,7 +64,7 @@ def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
 def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
     """Load folders that ``better assets import`` has written, like ``--asset-dir``.
 
-    Each is loaded once, also in worker processes. Tasks then use their assets by name.
+    Each folder is loaded once, also in worker processes. Tasks can then use the assets by name.
 
     Raises:
         InvalidInputError: If a folder is missing or contains no imported assets.

@@ -197,7 +197,7 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
     """Render films of at most ``films`` trials, over all runs, and one image of each other failure.
 
-    In LIBERO no path is drawn, because its camera's pose is not recorded.
+    In LIBERO no path is drawn, because the camera pose is not recorded.
     """
     say = listener.say
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))

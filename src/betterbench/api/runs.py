@@ -153,7 +153,7 @@ def compare(
     sequential: bool = False,
     allow_mixed: bool = False,
 ) -> Comparison:
-    """Compare policies, two by two, on the trials that their runs share.
+    """Compare policies pairwise, on the trials that their runs share.
 
     Args:
         *runs: Two or more runs, their folders, or files of ``better export``.

@@ -145,7 +145,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Return how far a release deviates from all demonstrated releases at its target.
+        """Return the deviation of a release from all demonstrated releases at its target.
 
         Returns None if it is among them.
         """

@@ -56,8 +56,8 @@ class Verb:
     Attributes:
         function: Its "module:name" in the package of verbs, or the full name of a function of betterbench-calibration.
         takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
-        takes_suite: Whether it accepts ``--suite`` beside its own options. Without ``--tasks``, it then works on the
-            tasks of the suite.
+        takes_suite: Whether it accepts ``--suite`` in addition to its own options. Without ``--tasks``, the verb
+            then works on the tasks of the suite.
         takes_run_file: Whether its options may be given in a run file.
         commands: Commands of a verb that has several ("import" of ``better assets import``), each with its own options;
             the function of the verb then only has their overview as its help.

@@ -78,7 +78,7 @@ def took(seconds: float, size: int) -> str:
 
 
 def _count_text(task: Task) -> str:
-    """Return how much is done ("  7/120"). The result is empty while the total is unknown."""
+    """Return the progress as text ("  7/120"), empty while the total is unknown."""
     if task.total is None:
         return ""
     total = f"{int(task.total)}"

@@ -37,9 +37,9 @@ class PolicyRule:
 
     Attributes:
         name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of occupied slots.
-        cost: Negative log-likelihood at the best strength [nats], plus the costs of choosing it and its kind.
+        cost: Negative log-likelihood at the best strength [nats], plus the costs of choosing the rule and its kind.
         strength: The best strength, from 0 to 1.
-        explained: Number of wrong first attempts that it explains.
+        explained: Number of wrong first attempts that the rule explains.
         opportunities: Number of trials in which the rule predicts a wrong first attempt.
         errors_elsewhere: Number of wrong first attempts in trials in which the rule predicts a right first attempt.
         elsewhere: Number of trials in which the rule predicts a right first attempt.

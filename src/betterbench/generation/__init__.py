@@ -1,10 +1,10 @@
 """From a sentence to a certified task.
 
-- ``scenario``: a template filled in: name, instruction, context, and per group the described objects.
+- ``scenario``: a filled-in template: name, instruction, context, and described objects for each group.
 - ``scenario_form``: the JSON form of scenarios. ``sense``, ``instruction_sense``: checks beyond the form, with nouns of
   ``vocabulary``.
 - ``grammar``: the offline author of scenarios. ``choosing``: template and objects from a sentence.
-- ``asking``: scenarios by a language model, with corrections and kept exchanges.
+- ``asking``: scenarios by a language model, with corrections and stored exchanges.
 - ``folder``: a folder of scenarios, as ``better generate`` writes it.
 - ``cast``: a scenario with an object of the library for each description.
 - ``patterns``: one file per template, which turns a cast into a task with training conditions and variations.

@@ -1,4 +1,4 @@
-"""Scenarios about a sentence, without a model: words choose the template, and nouns of the grammar the objects."""
+"""Scenarios for a sentence without a model: words determine the template, and nouns of the grammar the objects."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LEAST_SCORE = 2
-"""Least sum of the weights of the words that decide for a template."""
+"""Smallest sum of the weights of the words for a chosen template."""
 
 
 def _weighted(*, decides: str = "", hints: str) -> dict[str, int]:
@@ -115,7 +115,7 @@ _SPECIFIC = {
     "recursive_stacking": "stack pile collect gather clear",
 }
 _VERBS_OF = {name: frozenset(f"{_SAME_FOR_ALL} {verbs}".split()) for name, verbs in _SPECIFIC.items()}
-"""Verbs that ask for nothing else than the goal of each template."""
+"""Verbs that mean exactly the goal of each template."""
 _PLAIN_WORDS_WORDS = """
 i you we he she me us them they it s to and there here now please just so too also then
 """
@@ -128,7 +128,7 @@ class Chosen:
     """Scenarios from a sentence.
 
     Attributes:
-        reworded: Why the sentence is not the instruction, so that the grammar's wording is used; empty if it is.
+        reworded: Reason why the instruction has the grammar's wording; empty if the sentence is the instruction.
     """
 
     template: str
@@ -137,7 +137,7 @@ class Chosen:
 
 
 def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
-    """Return scenarios about a sentence, all of which have the objects that it names.
+    """Return scenarios for a sentence; each scenario has the objects that the sentence names.
 
     Raises:
         InvalidInputError: If no template fits, an object is not in the library, or there are fewer such scenarios.
@@ -160,7 +160,7 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
-    """Return a scenario whose groups begin with the objects of a sentence, in its order.
+    """Return a scenario whose groups begin with the objects of a sentence, in the order of the sentence.
 
     The first training condition is then about the objects that are named first. A top bun stays on top.
     """
@@ -206,7 +206,7 @@ def checked_sentence(sentence: str) -> str:
 
 
 def choose_template(sentence: str) -> str:
-    """Return the template whose words a sentence has.
+    """Return the template whose words occur in a sentence.
 
     Raises:
         InvalidInputError: If no template, or several, fit; the message names the closest.
@@ -261,7 +261,7 @@ def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for a word that is not read: it may ask for more than the objects of the scenario."""
+    """Raise InvalidInputError for an uninterpreted word, which may require more than the objects of the scenario."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()

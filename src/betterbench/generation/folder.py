@@ -53,12 +53,12 @@ class GenerateSettings:
 
     Attributes:
         target: Name of a template, or a sentence.
-        num: Number of scenarios; None for 10 of a template, or one about a sentence.
+        num: Number of scenarios; None for 10 of a template, or one for a sentence.
         model: "offline", or the address of a chat endpoint with the name of the model, "URL#MODEL".
         seed: Seed of the offline author.
         tries: Number of answers of a model per scenario.
         vocabulary: Objects that a model may use.
-        replay: File of kept exchanges that answers for the model.
+        replay: File of stored exchanges that replaces the model.
         key_variable: Environment variable with the key of the endpoint.
     """
 
@@ -73,7 +73,7 @@ class GenerateSettings:
 
     @property
     def asks_model(self) -> bool:
-        """Whether the scenarios are of a model, live or kept."""
+        """Whether the scenarios come from a model or from stored exchanges."""
         return self.model != OFFLINE or self.replay is not None
 
     @property
@@ -106,8 +106,8 @@ class Generated:
         template: Name of their template.
         scenarios: Scenarios by number, from 1.
         files: Their files.
-        refused: Scenarios that the model did not get right.
-        reworded: Why a given sentence is not the instruction of the scenarios; empty if it is, or if a model was asked.
+        refused: Scenarios without a valid answer from the model.
+        reworded: Reason why a given sentence is not the instruction; empty if it is, or if a model was used.
     """
 
     template: str
@@ -130,12 +130,12 @@ def generate_scenarios(
     Args:
         settings: What to generate.
         out: The folder.
-        chat: Model to ask instead of the address in the settings.
-        overwrite: Whether files that were not written here, or were changed since, may be replaced.
-        on_progress: Called with the finished and all scenarios.
+        chat: Model to use instead of the address in the settings.
+        overwrite: Whether to replace files that betterbench did not write or that have changed since.
+        on_progress: Called with the number of finished scenarios and of all scenarios.
 
     Raises:
-        InvalidInputError: If a setting is wrong, or the grammar holds fewer scenarios.
+        InvalidInputError: If a setting is wrong, or the grammar has fewer scenarios.
         UnknownNameError: If there is no such template.
         ModelError: If the model cannot be reached; earlier exchanges are kept.
         RunConflictError: If the folder holds other files or scenarios with other settings.
@@ -194,7 +194,7 @@ def _by_model(settings: GenerateSettings, sentence: str, chat: KeptChat, on_prog
 
 
 def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -> None:
-    """Write the settings of a folder; unless they may be overwritten, refuse other settings and more scenarios."""
+    """Write the settings of a folder; without ``overwrite``, reject other settings and extra scenarios."""
     path = out / SETTINGS_NAME
     form: dict[str, object] = {"schema_version": 1, "target": settings.target, "num": settings.count}
     if settings.asks_model:

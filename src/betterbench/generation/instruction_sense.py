@@ -1,4 +1,4 @@
-"""Checks of a scenario's instruction: one imperative sentence, about objects that are there, without the steps."""
+"""Checks of a scenario's instruction: one imperative sentence about existing objects, without a list of steps."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _RESULTS_WORDS = """
 sandwich burger cheeseburger hamburger tower taco cake club slider
 """
 RESULTS = frozenset(_RESULTS_WORDS.split())
-"""Nouns for what layers make."""
+"""Nouns for the result of an assembly."""
 
 Found = tuple[str, str, str]
 
@@ -122,7 +122,7 @@ def _head(described: DescribedObject) -> frozenset[str]:
 
 
 def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield the nouns of an instruction that are no objects of the scenario, as problem and remedy."""
+    """Yield the nouns of an instruction that are not objects of the scenario, as problem and remedy."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

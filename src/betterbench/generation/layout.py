@@ -1,4 +1,4 @@
-"""Slots that are in reach, in view and clear of one another."""
+"""Slots that are within reach, in view and separate from each other."""
 
 from __future__ import annotations
 
@@ -36,11 +36,10 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return which two objects of a condition may touch at the ends of their jitter, or None.
+    """Return two objects of a condition that may touch at the ends of their jitter, or None.
 
     Containers, fixtures and objects that are longer than wide count as the rectangle of their bounding box, other
-    objects as circles around their origin.
-    Objects that start at a target are not counted.
+    objects as circles around their origin. Objects that start at a target are ignored.
     """
     placed = [(condition.object(name), slots[slot]) for name, slot in condition.layout.items()]
     for (a, at), (b, there) in itertools.combinations(placed, 2):

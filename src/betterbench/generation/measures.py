@@ -138,7 +138,7 @@ def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
 
 
 def mm(length_m: float) -> str:
-    """Return a length in millimeters for a message."""
+    """Return a length as text in millimeters."""
     return f"{1000.0 * length_m:.1f} mm".replace(".0 mm", " mm")
 
 

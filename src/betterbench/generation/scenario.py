@@ -1,4 +1,4 @@
-"""Scenarios: templates filled in with an instruction, a context and described objects."""
+"""Scenarios: filled-in templates with an instruction, a context and described objects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

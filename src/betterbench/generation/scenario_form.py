@@ -29,7 +29,7 @@ LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_T
 MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
 """Maximum number of groups of a scenario, of objects of a group, and of tags of an object."""
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
-"""Bounds of the numbers of the form [m, kg]; :mod:`~betterbench.generation.sense` has those of the robot."""
+"""Bounds of the numbers in the form [m, kg]; the limits of the robot are in :mod:`~betterbench.generation.sense`."""
 
 _PUNCTUATION = frozenset(" ,.'-()%:")
 

@@ -32,11 +32,11 @@ SIZE_SLACK = 2.0
 """Allowed factor beyond the usual sizes of a kind: the table of kinds has no row for a pill bottle, which is smaller
 than other bottles, and a lunchbox with an open lid is longer than a closed one."""
 HEAVIEST_FIXTURE_KG = 20.0
-"""Largest mass of an object that the arm does not lift [kg], as in the importer."""
+"""Largest mass of an object that the arm need not lift [kg], as in the importer."""
 _ROUND = frozenset(
     {("apple",), ("orange",), ("peach",), ("tomato",), ("onion",), ("potato",), ("ball",), ("grapefruit",), ("melon",)}
 )
-"""Kinds that are as thick as long, so that the gripper must open by their size."""
+"""Kinds that are as thick as long, so the gripper must open to their full size."""
 
 
 def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = False) -> None:
@@ -64,7 +64,7 @@ def sense_problems(
     Args:
         scenario: The scenario.
         where: Place of the scenario, for the paths.
-        mixed: Whether items of different domains may be in one group, because a user asked for these objects.
+        mixed: Whether items of different domains may be in one group, because a user named these objects.
 
     Raises:
         UnknownNameError: If its template does not exist.

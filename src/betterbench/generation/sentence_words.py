@@ -18,7 +18,7 @@ _COUNTS_WORDS = """
 five six seven eight nine ten dozen couple several some few many every each
 """
 COUNTS = frozenset(_COUNTS_WORDS.split())
-"""Words for numbers of objects that a scene does not have, or that are not exact."""
+"""Number words that are inexact, or larger than any number of objects in a scene."""
 _STOPS_WORDS = """
 in into inside onto on to of for from with without at by beside next near around behind under over between left and
 or so that as away up out down off back together neatly carefully gently close too , . : ( ) % is are go belong
@@ -30,7 +30,7 @@ small large big little tall short round square flat full empty clean dirty fresh
 plain wooden plastic metal paper glass ceramic steel remaining other named same right left upper lower top bottom
 """
 ADJECTIVES = frozenset(_ADJECTIVES_WORDS.split())
-"""Adjectives that are no nouns, although they may end a phrase."""
+"""Adjectives that may end a phrase but are not nouns."""
 
 _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
 """Nouns whose plural may be one object, such as a stack of napkins."""
@@ -57,7 +57,7 @@ NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word of the noun phrase with a noun at this place, empty if it has none."""
+    """Return the number word of the noun phrase with a noun at this place, or an empty text."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word

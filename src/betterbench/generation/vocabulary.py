@@ -1,7 +1,7 @@
 """Nouns of tabletop objects by the types that templates allow, and the nouns in a phrase.
 
 The vocabulary decides two questions about a scenario that a model wrote: whether an object belongs to its group, and
-whether the instruction names an object that is not there. It is small on purpose: an unknown noun is accepted in a
+whether the instruction names a missing object. The vocabulary is deliberately small: an unknown noun is accepted in a
 group if a tag names an allowed type.
 """
 
@@ -115,10 +115,10 @@ COLLECTIVES: dict[str, str] = {
     "trash": f"{_WASTE}, {_DRINK}, fries",
     "vegetable": "tomato, carrot, cucumber, pepper, onion, potato, corn, mushroom, celery, lettuce",
 }
-"""Nouns of an instruction that stand for objects of these kinds."""
+"""Collective nouns, each with the kinds of objects that it means."""
 
 _DOMAINS = {"food": f"{_FRUIT}, {_MEAL}, {_LAYER}", "office supply": _OFFICE, "cleaning supply": _WASH}
-"""Kinds of items that do not belong together, except that items of two domains are often thrown away together."""
+"""Domains of items that do not belong together, except that items of two domains are often thrown away together."""
 
 _MEASURES_WORDS = """
 bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack
@@ -147,7 +147,7 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective stands for, or an empty set if it is none."""
+    """Return the nouns that a collective noun means, or an empty set for another noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
@@ -167,9 +167,9 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
 
 
 def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
-    """Return the known nouns that say what a described object is.
+    """Return the known nouns that name a described object.
 
-    That is the last noun before "with", "in", "of" and similar words: "mug" in "a red mug with an apple on it". After a
+    This is the last noun before "with", "in", "of" and similar words: "mug" in "a red mug with an apple on it". After a
     measure, the measured noun counts too: "cheese" in "a slice of cheese".
     """
     words = terms(text)
@@ -202,7 +202,7 @@ def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
 
 
 def domain_of(text: str) -> str:
-    """Return the domain of an item ("food"), empty if it fits to anything."""
+    """Return the domain of an item ("food"), empty if the item fits every domain."""
     for head in head_nouns(text):
         for domain, nouns in _DOMAINS.items():
             if head in _phrases(nouns):

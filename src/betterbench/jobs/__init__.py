@@ -7,7 +7,7 @@
 - ``lock``, ``places``, ``outputs``: one writer per folder or file, no links out of it, and no replacement of other
   people's files.
 - ``worker_process``, ``process_output``, ``leftovers``: child processes, their output, and their end with the parent.
-- ``limited_process``: child processes with limits of memory and time, which read files from strangers.
+- ``limited_process``: child processes with limits on memory and time, which read untrusted files.
 - ``ahead``: items that a thread makes before they are needed.
 """
 

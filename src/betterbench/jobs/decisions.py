@@ -50,7 +50,7 @@ class Verdict:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """Undo of the last decision on the subject that still stands, given by its line number."""
+    """Undo of the last active decision on the subject, given by its line number."""
 
     line: Annotated[int, Field(ge=1)]
     kind: Literal["undo"] = "undo"
@@ -80,7 +80,7 @@ class DecisionLine(Protocol):
         """Displayed name of the subject."""
 
     def misfit(self, changes: int) -> str:
-        """Return why the decision does not fit a history with a number of changes, "" if it does."""
+        """Return the reason why the decision does not match the number of earlier changes, or ""."""
 
 
 LineT = TypeVar("LineT", bound=DecisionLine)
@@ -134,7 +134,8 @@ class History(Generic[LineT]):
 def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]:
     """Return the history of every subject, by content hash.
 
-    Raises RecordError if a decision does not fit those before it.
+    Raises:
+        RecordError: If a decision contradicts the earlier decisions.
     """
     found: dict[str, History[LineT]] = {}
     for number, review in enumerate(reviews, start=1):

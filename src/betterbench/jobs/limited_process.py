@@ -1,4 +1,4 @@
-"""Child processes with limits of memory and time that read untrusted files and answer with bytes.
+"""Child processes with limits on memory and time that read untrusted files and answer with bytes.
 
 A malicious file can crash C++ readers of meshes, images and binary models, make them hang, or make them fill the
 memory. These readers run in a limited process, whose answers are bytes or text, never objects.

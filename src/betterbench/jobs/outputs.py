@@ -211,7 +211,7 @@ class OutputFolder:
         if others and not self._takes_all:
             raise RunConflictError(
                 f"{path}: the folder holds {others[0].name}, and better {self._verb} did not write this folder. Choose "
-                "an empty or a new folder, or give --overwrite to write beside what is there and replace files of the "
+                "an empty or a new folder, or give --overwrite to keep other files and replace files of the "
                 "same names."
             )
         known = listed or {}

@@ -42,7 +42,7 @@ class SpawnedProcess:
 
 
 def exit_text(status: int | None) -> str:
-    """Return how a process ended, as text, from its exit status (negative for a signal)."""
+    """Return an exit status of a process as text (negative for a signal)."""
     if status is None or status >= 0:
         return f"exit status {status}"
     name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"

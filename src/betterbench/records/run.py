@@ -315,14 +315,14 @@ class RunFolder:
         return path
 
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
-        """Read a trial's record.
+        """Read the record of a trial.
 
-        Pass the ``digest`` of the file if known from earlier, because the run may have changed since. By default, the
-        digest in the journal is used.
+        If the ``digest`` of the file is known from an earlier read, pass it, so that a later change of the run is an
+        error. By default, the digest in the journal is used.
 
         Raises:
-            RecordError: If the record is missing or unreadable, or does not match plan and journal: another trial,
-                policy or action space, or changed bytes.
+            RecordError: If the record is missing or unreadable, its bytes have changed, or its trial, policy or
+                action space is not that of the plan and the journal.
         """
         trial = TrialId(task, condition, seed)
         path = self.record_path(task, condition, seed)

@@ -128,7 +128,7 @@ def _seal(digest: str) -> bytes:
 
 
 def _member_problem(name: str) -> str | None:
-    """Return why a name is not allowed in an archive, or None."""
+    """Return the reason why a name is not allowed in an archive, or None."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
         return "is not a portable file name"
     path = PurePosixPath(name)

@@ -32,7 +32,7 @@ def asset(name: str) -> str:
 
 
 def _bounded(value: object) -> object:
-    """Return a value for a page, with long external texts shortened, because a page may repeat them many times."""
+    """Return a value for a page, with long external text shortened, because a page may repeat the text many times."""
     return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 

@@ -1,6 +1,6 @@
 """Human review of imported objects in the browser, and the agreement between two reviewers.
 
-- ``queue``: the objects to review, with the state of each.
+- ``queue``: the objects to review, each with its state.
 - ``desk``: the review without the browser page: current object, edit in progress, and decisions.
 - ``page``: the page in the browser; ``drawing``: rulers and texts of the page.
 - ``agreement``: Cohen's kappa of two journals.

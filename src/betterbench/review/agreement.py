@@ -27,7 +27,7 @@ class ReviewAgreement:
         usable: Table over use (accept or fix) and reject.
         only_first: Number of objects or scenes that only the first reviewer judged; they are not in the tables.
         only_second: The same for the second reviewer.
-        apart: Names and verdicts of those on which the reviewers disagree, in first-review order.
+        apart: Names and verdicts of the items on which the reviewers disagree, in the order of the first review.
         what: "objects" or "scenes".
     """
 
@@ -54,7 +54,7 @@ def agreement(first: Path, second: Path) -> ReviewAgreement:
 
     Raises:
         RecordError: If a file is missing or was changed by hand.
-        InvalidInputError: If the files have no judged object or scene in common, or only one is of scenes.
+        InvalidInputError: If the files have no judged object or scene in common, or only one file reviews scenes.
     """
     kinds = [is_scene_review(path) for path in (first, second)]
     what = "scenes" if kinds[0] else "objects"

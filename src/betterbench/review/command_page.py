@@ -20,7 +20,7 @@ from betterbench.geometry import Pose, Vector, normalize
 
 PANEL_PX = 380
 MOST_WAITING = 200
-"""Most queued commands; a person does not send more."""
+"""Maximum number of queued commands; a person does not send more."""
 
 
 class CommandPage:
@@ -34,7 +34,7 @@ class CommandPage:
         """Listen.
 
         Args:
-            taps: Command of each key, by the code of the key.
+            taps: Command of each key, by key code.
             host: Interface.
             port: Port; 0 for any free port.
 

@@ -303,7 +303,7 @@ class ReviewDesk:
             self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
 
     def undo(self) -> None:
-        """Drop the edit in progress; without one, undo the last decision on this object that still stands."""
+        """Drop the edit in progress; without an edit, undo the last active decision on this object."""
         if self.edit is not None:
             self.drop_edit()
             return

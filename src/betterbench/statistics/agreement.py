@@ -78,7 +78,7 @@ class AgreementTable:
     def interval(self, confidence: float = DEFAULT_CONFIDENCE) -> Interval | None:
         """Return the interval of kappa from the large-sample variance (Fleiss, Cohen and Everitt, 1969).
 
-        It is cut to [-1, 1]. None where kappa is None. With few items it is only a rough guide.
+        The interval is clipped to [-1, 1], and None if kappa is None. With few items, it is only a rough guide.
         """
         kappa, expected = self.kappa, self.expected
         if kappa is None or expected is None:

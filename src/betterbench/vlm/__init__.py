@@ -1,13 +1,13 @@
 """Static evaluation of vision-language models: published benchmarks and our own question sets.
 
-- ``items``: items of a benchmark with pictures on demand; ``pictures`` reads pictures from files and tables.
-- ``benchmarks``: one file per benchmark, which reads every published form of its data; ``rows`` reads their rows.
+- ``items``: items of a benchmark with images on demand; ``pictures`` reads images from files and tables.
+- ``benchmarks``: one file per benchmark, which reads every published form of the data; ``rows`` reads files.
 - ``prompts``: prompts as data, chosen by an identifier.
 - ``scoring``, ``official``: our scores with fixed denominators, and the scores of upstream programs, faults included.
-- ``models``: resolutions of pictures, and models in the process.
+- ``models``: resolutions of images, and models that run in this process.
 - ``running``: a resumable run of a model over a benchmark; ``fetching`` downloads the data.
 
-Answers are asked for and read by :mod:`betterbench.vqa`, as for ``better vqa``.
+As for ``better vqa``, :mod:`betterbench.vqa` sends the requests and reads the answers.
 """
 
 from betterbench.vlm.benchmarks import BENCHMARKS, Benchmark, find_benchmark

@@ -42,7 +42,7 @@ class FetchedFile:
 def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | None = None) -> list[FetchedFile]:
     """Download the files of a benchmark that are missing in a folder.
 
-    A file is complete or absent: it is written beside and renamed.
+    A file is written under a temporary name and then renamed, so a file with its final name is complete.
 
     Args:
         benchmark: The benchmark.
@@ -50,7 +50,7 @@ def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | Non
         on_progress: Called with the number of bytes so far and in total (0 if unknown) of the current file.
 
     Raises:
-        InvalidInputError: If the hub cannot be reached, or a file has another hash than known; the message says what
+        InvalidInputError: If the hub cannot be reached, or the hash of a file is wrong; the message says which files
             to put where.
         RunConflictError: If another process downloads into the folder.
     """

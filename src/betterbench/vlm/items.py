@@ -1,4 +1,4 @@
-"""Items of a static benchmark: question, pictures, correct answer and groups."""
+"""Items of a static benchmark: question, images, correct answer and groups."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Gold:
     Attributes:
         text: The letter of a choice, "Yes", "No", or the digits of a number.
         box: Left, top, right and bottom edge [pixel].
-        mask: Name of the picture of the target region, in which all pixels above 0 are correct.
+        mask: Name of the image of the target region, in which all pixels above 0 are correct.
         runs: Pixels of the target region as run lengths; see :class:`~betterbench.interface.state.SeenObject`.
     """
 
@@ -46,12 +46,12 @@ class Item:
         id: Identifier within the benchmark.
         question: The question without its options.
         options: Options of a choice, in letter order.
-        pictures: Names of the pictures in order.
+        pictures: Names of the images in order.
         groups: Name of the item's group by kind of group ("relation": "left").
-        cluster: Items with the same cluster share a scene, picture or video, so their scores are not independent.
-        width: Columns of the picture, for boxes and points; 0 otherwise [pixel].
-        height: Rows of the picture; 0 otherwise [pixel].
-        words: Further texts of the item that prompts use ("object", "suffix").
+        cluster: Items with the same cluster share a scene, image or video, so their scores are not independent.
+        width: Columns of the image, for boxes and points; 0 otherwise [pixel].
+        height: Rows of the image; 0 otherwise [pixel].
+        words: Additional texts of the item for prompts ("object", "suffix").
     """
 
     id: str
@@ -73,12 +73,12 @@ class Item:
 
 @dataclass(frozen=True)
 class ItemSet:
-    """Items of a benchmark with their pictures.
+    """Items of a benchmark with their images.
 
     Attributes:
         benchmark: Name of the benchmark.
         items: The items in the order of the data.
-        read: Returns the bytes of a picture by its name (PNG or JPEG).
+        read: Returns the bytes of an image by its name (PNG or JPEG).
         files: SHA-256 of the files with the items, by name; part of the content hash.
         reference: Reference rates by name of a group, such as chance and the blind classifier (in percent).
         content: Content hash of the source, where the source defines one; otherwise computed from the items.
@@ -107,7 +107,7 @@ class ItemSet:
 
     @property
     def sha256(self) -> str:
-        """Content hash: of the source, or of the items and the files with them."""
+        """Content hash of the source, or of the items and their files."""
         if self.content:
             return self.content
         digest = hashlib.sha256(dump_json([self.benchmark, dict(sorted(self.files.items()))]))
@@ -116,7 +116,7 @@ class ItemSet:
         return digest.hexdigest()
 
     def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:
-        """Return the request for an item with a given prompt, with its pictures at a resolution."""
+        """Return the request for an item with a given prompt and resolution of images."""
         return Request(prompt, partial(self._pictures, item, eyes))
 
     def _pictures(self, item: Item, eyes: Eyes) -> tuple[bytes, ...]:

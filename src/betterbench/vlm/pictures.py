@@ -1,4 +1,4 @@
-"""Pictures of strangers: sizes, target regions, and pictures in folders, tables, JSON and videos."""
+"""Images from untrusted files: sizes, target regions, and images in folders, tables, JSON and videos."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from betterbench.jobs.places import require_inside
 from betterbench.json_form import read_bounded
 
 MOST_BYTES = 64 << 20
-"""Largest picture that is read [byte]."""
+"""Largest image that is read [byte]."""
 MOST_PIXELS = 64_000_000
 _CURE = "Download the data again"
 
 
 def size_of(data: bytes, where: str) -> tuple[int, int]:
-    """Return columns and rows of a picture from its header; raise InvalidInputError if it is not a picture."""
+    """Return columns and rows of an image from its header; raise InvalidInputError if it is not an image."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data)) as image:
                 width, height = image.size
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InvalidInputError(where, f"is not a picture ({one_line(error)})", _CURE) from error
+        raise InvalidInputError(where, f"is not an image ({one_line(error)})", _CURE) from error
     if width * height > MOST_PIXELS:
         raise InvalidInputError(where, f"has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
     return width, height
@@ -45,7 +45,7 @@ def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]
         with Image.open(io.BytesIO(data)) as image:
             values = np.asarray(image)
     except (OSError, ValueError, SyntaxError) as error:
-        raise InvalidInputError(where, f"is not a picture ({one_line(error)})", _CURE) from error
+        raise InvalidInputError(where, f"is not an image ({one_line(error)})", _CURE) from error
     return np.asarray((values if values.ndim == 2 else values[:, :, 0]) > above)
 
 
@@ -66,7 +66,7 @@ def file_in(folder: Path, place: str, *, where: str) -> Path:
 
 
 def picture_file(path: Path) -> bytes:
-    """Return the bytes of a picture file."""
+    """Return the bytes of an image file."""
     return read_bounded(path, max_bytes=MOST_BYTES, cure=_CURE)
 
 
@@ -74,7 +74,7 @@ def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON 
     """Return the bytes of an embedded picture: bytes, base64 text, or a struct with them.
 
     Raises:
-        InvalidInputError: If the cell holds no picture; it names the place.
+        InvalidInputError: If the cell contains no image; the message names the row and the column.
     """
     if isinstance(value, Mapping):
         value = value.get("bytes")
@@ -86,5 +86,5 @@ def embedded(value: Any, where: str) -> bytes:  # noqa: ANN401 - a cell of JSON 
             return base64.b64decode("".join(text.split()), validate=True)
         except (binascii.Error, ValueError) as error:
             problem = f"is not base64 ({one_line(error)})"
-            raise InvalidInputError(where, problem, "Give the picture as base64 or bytes") from error
-    raise InvalidInputError(where, "contains no picture", "Give the picture as base64, bytes, or a struct with bytes")
+            raise InvalidInputError(where, problem, "Give the image as base64 or bytes") from error
+    raise InvalidInputError(where, "contains no image", "Give the image as base64, bytes, or a struct with bytes")

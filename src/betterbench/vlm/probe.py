@@ -1,8 +1,8 @@
-"""Probe that finds out in which coordinate convention a model answers, from pictures with known points and boxes.
+"""Probe that identifies the coordinate convention of a model, from images with known points and boxes.
 
-Ten pictures show one disk or one rectangle each. For every order (column or row first) and scale (pixels, fractions,
-percent, thousandths) the answers are compared with the true places. A convention is named only if a single order and
-scale explains the answers. Places are far from the diagonal, and pictures have fewer than 600 pixels on a side, so that
+Ten images show one disk or one rectangle each. For every order (column or row first) and scale (pixels, fractions,
+percent, thousandths) the answers are compared with the true places. A convention is named only if exactly one order and
+scale explains the answers. Places are far from the diagonal, and images have fewer than 600 pixels on a side, so that
 no two orders and scales agree within the tolerance.
 """
 
@@ -30,7 +30,7 @@ from betterbench.vqa.parsing.points import exact_groups
 from betterbench.vqa.question import Form
 
 TOLERANCE = 0.1
-"""Largest error of an answer that fits, as a fraction of the picture's side: three standard deviations of a pointing
+"""Largest error of an answer that fits, as a fraction of the image's side: three standard deviations of a pointing
 noise of 3 %."""
 _MOST_FITTING = 0.8
 """Minimum fraction of answers that fit."""
@@ -44,11 +44,11 @@ _COLORS = {"red": "#d03030", "blue": "#2850c8", "green": "#2a9040"}
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A picture with one disk or rectangle.
+    """An image with one disk or rectangle.
 
     Attributes:
         shape: "disk" asks for a point, "rectangle" for a box.
-        size: Width and height of the picture [pixel].
+        size: Width and height of the image [pixel].
         middle: Middle of the shape, as fractions of the width and the height.
         half: Half of the rectangle's width and height, or of the disk's diameter, as fractions.
     """
@@ -71,7 +71,7 @@ class Target:
         return (x - dx, y - dy, x + dx, y + dy)
 
     def picture(self) -> bytes:
-        """Return the picture as PNG."""
+        """Return the image as PNG."""
         image = Image.new("RGB", self.size, "#dcd8d0")
         pen = ImageDraw.Draw(image)
         left, top, right, bottom = (v * self.size[i % 2] for i, v in enumerate(self.edges))
@@ -91,7 +91,7 @@ class Target:
         Args:
             numbers: Two numbers for a point, or four for a box.
             order: Order of the numbers.
-            scale: Numbers that stand for the whole width and height.
+            scale: Numbers for the full width and height.
         """
         if order == "yx":
             numbers = [numbers[i ^ 1] for i in range(len(numbers))]
@@ -115,7 +115,7 @@ TARGETS: tuple[Target, ...] = (
     Target("rectangle", "green", _TALL, (0.35, 0.80), (0.20, 0.08)),
     Target("rectangle", "red", _SMALL, (0.60, 0.25), (0.08, 0.12)),
 )
-"""The pictures of a probe."""
+"""The images of a probe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,7 @@ class Fit:
         order: "xy" for column before row, "yx" for row before column.
         scale: "pixels", "fractions", "percent" or "thousandths".
         fitting: Number of answers within the tolerance.
-        error: Median error, as a fraction of the picture's side.
+        error: Median error, as a fraction of the image's side.
     """
 
     order: Order
@@ -146,9 +146,9 @@ class Finding:
 
     Attributes:
         model: Model name.
-        declared: Convention that the requests asked for; None if they asked for none.
-        readable: Number of answers with coordinates, of all pictures.
-        asked: Number of pictures.
+        declared: Convention stated in the requests; None if the requests stated none.
+        readable: Number of answers with coordinates.
+        asked: Number of images, one request each.
         fits: All orders and scales, the best first.
         found: The convention, or None if no order and scale fits, several fit, or betterbench has no such convention.
     """
@@ -171,7 +171,7 @@ class Finding:
         """The result in words."""
         if self.readable < _FEWEST:
             return (
-                f"{self.model} gave coordinates for {self.readable} of {self.asked} pictures, and {_FEWEST} are needed "
+                f"{self.model} gave coordinates for {self.readable} of {self.asked} images, and {_FEWEST} are needed "
                 "to tell its convention."
             )
         if not self.fitting:
@@ -214,14 +214,14 @@ def probe_model(
     at_once: int = 4,
     on_progress: OnCount | None = None,
 ) -> Finding:
-    """Ask a model for the places of known shapes, and return the convention of its answers.
+    """Ask a model for the positions of known shapes, and return the convention of the answers.
 
     Args:
         model: The model.
         file: File of its answers, which is resumed.
-        declared: Convention that the requests ask for, as in a run; by default they ask for none.
-        eyes: Resolution of the pictures.
-        targets: The pictures.
+        declared: Convention to state in the requests, as in a run; by default, the requests state none.
+        eyes: Resolution of the images.
+        targets: The images.
         at_once: Number of simultaneous requests.
         on_progress: Called with the number of answers and requests.
 
@@ -244,7 +244,7 @@ def finding_of(
     declared: Coordinates | None = None,
     eyes: Eyes = Eyes.NATIVE,
 ) -> Finding:
-    """Return the convention of a model's answers, one text per picture."""
+    """Return the convention of a model's answers, one text per image."""
     read = [(target, numbers) for target, text in zip(targets, texts, strict=True) if (numbers := _numbers(text))]
     fits = tuple(
         sorted(

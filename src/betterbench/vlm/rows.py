@@ -59,7 +59,7 @@ class Row:
         return str(value)
 
     def text_or(self, otherwise: str, *names: str) -> str:
-        """Return a text, or another one if there is no such column or the cell is empty."""
+        """Return a text, or a default if there is no such column or the cell is empty."""
         value = next((self.values[name] for name in names if name in self.columns), None)
         return otherwise if value is None or not str(value).strip() else str(value)
 
@@ -101,7 +101,7 @@ class Row:
 
 
 def distinct(identifier: str, taken: set[str]) -> str:
-    """Return an identifier that is not taken yet, and take it; a repeated one gets a number ("q7#2")."""
+    """Reserve and return a unique identifier; a repeated identifier gets a number ("q7#2")."""
     found, number = identifier, 1
     while found in taken:
         number += 1
@@ -111,7 +111,7 @@ def distinct(identifier: str, taken: set[str]) -> str:
 
 
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
-    """Return the files in a folder of data or its usual sub-folders, by name; a file is itself."""
+    """Return the files in a folder of data or its usual subfolders, by name; for a file, return this file."""
     if folder.is_file():
         return [folder] if folder.suffix.lower() in suffixes else []
     found = [
@@ -129,7 +129,7 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
     Args:
         file: The file.
-        large: Columns that are read on demand, such as embedded pictures.
+        large: Columns that are read on demand, such as embedded images.
 
     Raises:
         InvalidInputError: If the file cannot be read, or a row is not an object.

@@ -1,7 +1,7 @@
 """A resumable run of a model over a static benchmark.
 
-A run folder holds ``run.json`` (what is asked, of which model, with which prompt and convention; written first),
-``shown.png`` (a picture at each resolution), ``probe.jsonl`` (answers of the probe of coordinates), ``answers.jsonl``
+A run folder contains ``run.json`` (the benchmark, the model, the prompt and the convention; written first),
+``shown.png`` (an image at each resolution), ``probe.jsonl`` (answers of the probe of coordinates), ``answers.jsonl``
 (one synced line per answer), ``extracted.jsonl`` (replies of the extractor), and at the end ``items.jsonl`` (value,
 stage and score of each item) and ``result.json``.
 """
@@ -58,15 +58,15 @@ Bar = Callable[[str, int], AbstractContextManager[OnCount]]
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """How a run asks and scores.
+    """Settings for the requests and the scores of a run.
 
     Attributes:
         prompt: The prompt.
         coordinates: Declared convention of coordinates.
-        eyes: Resolution of the pictures.
-        most_tiles: Maximum number of tiles per picture; None for the model's own.
+        eyes: Resolution of the images.
+        most_tiles: Maximum number of tiles per image; None for the model's own.
         at_once: Number of simultaneous requests.
-        probe: Whether the declared convention is checked with ten pictures before a run with points or boxes.
+        probe: Whether the declared convention is checked with ten images before a run with points or boxes.
         official: Whether to add the scores of upstream programs.
         max_tokens: Longest answer of the model [tokens], stored in the run; None if it has no limit.
     """
@@ -82,7 +82,7 @@ class RunSettings:
 
     @property
     def convention(self) -> Convention:
-        """Convention of the answers, in the pictures as they are shown."""
+        """Convention of the answers, relative to the shown images."""
         return convention_for(self.eyes, CONVENTIONS[self.coordinates])
 
 
@@ -127,7 +127,7 @@ def evaluate_model(
     extractor: Model | None = None,
     bar: Bar | None = None,
 ) -> StaticRun:
-    """Ask a model all items of a benchmark, score its answers and write the run; repeat the call to resume it.
+    """Evaluate a model on all items of a benchmark and write the run; repeat the call to resume.
 
     Args:
         benchmark: The benchmark.
@@ -139,8 +139,8 @@ def evaluate_model(
         bar: Opens a progress bar.
 
     Raises:
-        InvalidInputError: If the prompt asks for another convention, the model answers in another one, or a picture
-            cannot be read.
+        InvalidInputError: If the prompt states another convention, the model answers in another convention, or an
+            image cannot be read.
         ModelError: If the model cannot be reached; earlier answers are kept.
         RunConflictError: If the folder contains another run or other files, or another process writes to it.
         StorageError: If the disk is full or protected.
@@ -206,7 +206,7 @@ def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
 
 
 def _show(items: ItemSet, out: Path) -> None:
-    """Write a picture of what a model is shown at each resolution, from the first item with a picture."""
+    """Write the first image of the benchmark at each resolution."""
     name = next((item.pictures[-1] for item in items.items if item.pictures), None)
     if name is None or (out / SHOWN_NAME).exists():
         return
@@ -218,7 +218,7 @@ def _show(items: ItemSet, out: Path) -> None:
 
 
 def _check_convention(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> None:
-    """Raise InvalidInputError if the model answers pictures with known places in another convention."""
+    """Raise InvalidInputError if the model answers images with known places in another convention."""
     if not settings.probe or all(item.form not in PLACES for item in items.items):
         return
     with bar("checking the coordinates", len(TARGETS)) as on_progress:

@@ -1,8 +1,8 @@
 """Scores of answers, with fixed denominators.
 
 Every item of the benchmark counts: an item without an answer, with a rejected request or with an unreadable answer
-scores 0. Each score stands in three columns: of values read strictly, of all values that the parser read, and with the
-values that an extractor copied from the remaining answers.
+scores 0. Each score has three columns: with values read strictly, with all values that the parser read, and with
+the values that an extractor copied from the remaining answers in addition.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ItemScore:
         stage: Stage that produced the value.
         score: Score with this value, between 0 and 1.
         is_answered: Whether the model gave a text.
-        is_outside: Whether a point or box leaves the picture, which may mean another convention.
+        is_outside: Whether a point or box leaves the image, which may mean another convention.
     """
 
     id: str
@@ -64,7 +64,7 @@ class Part:
         answered: Number of items for which the model gave a text.
         read: Number of items with a value.
         means: Mean by column.
-        if_dropped: Mean over the answered items alone, for comparison with programs that drop failed items.
+        if_dropped: Mean over the answered items only, for comparison with programs that drop failed items.
     """
 
     kind: str
@@ -90,10 +90,10 @@ class StaticScore:
     Attributes:
         parts: The benchmark and its groups; the first is "all".
         macro: Unweighted mean over the groups of each kind, by column.
-        headline: Number of the benchmark by column, by its own rule.
-        rule: This rule in words.
+        headline: Headline number of the benchmark by column.
+        rule: Rule for the headline number, in words.
         changed: Number of items whose score the extractor changed.
-        outside: Number of items with a place outside the picture.
+        outside: Number of items with a place outside the image.
         items: Scores of the items in order.
     """
 
@@ -189,7 +189,7 @@ def _score(items: ItemSet, item: Item, text: str | None, convention: Convention,
 
 
 def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, bool]:
-    """Return the score of a value between 0 and 1, and whether its place leaves the picture."""
+    """Return the score of a value between 0 and 1, and whether its place leaves the image."""
     if value is None:
         return Fraction(0), False
     if item.form in (Form.BOX, Form.POINT, Form.POINTS):
@@ -203,10 +203,10 @@ def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, b
 
 
 def _share_in_mask(items: ItemSet, item: Item, groups: list[list[Fraction]]) -> Fraction:
-    """Return the share of points in the target region.
+    """Return the fraction of points in the target region.
 
-    A point stands for the pixel that contains it; the far edge belongs to the last pixel. Four numbers are a box that
-    stands for all its pixels, as in RoboRefer's evaluation. Points outside the picture count and score 0.
+    A point represents the pixel that contains the point; the far edge belongs to the last pixel. Four numbers are a box
+    and represent all pixels inside, as in RoboRefer's evaluation. Points outside the image score 0.
     """
     if item.gold.mask is None:
         return Fraction(0)

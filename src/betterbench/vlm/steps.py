@@ -1,8 +1,8 @@
-"""Comparison of runs of ``better vlm`` step by step, in the shape of the paper's Table 3.
+"""Comparison of runs of ``better vlm`` step by step, in the layout of the paper's Table 3.
 
 A row is a model with its eyes and its prompt. A column is a benchmark. Each row is compared with the row above it on
 the same items, and a step is supported only if its paired test passes Holm's correction over all steps of the table.
-The paper reads such steps off single numbers: EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training, for example.
+The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ FACTORS = {
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Number of a row on a benchmark.
+    """Headline number of a row on a benchmark.
 
     Attributes:
-        value: Number of the benchmark by its own rule, as a fraction.
-        n: Number of items that it uses.
+        value: Headline number of the benchmark, as a fraction.
+        n: Number of items in the headline number.
         run: Folder of the run.
     """
 
@@ -56,7 +56,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One way of asking, with its numbers by benchmark."""
+    """One combination of model, eyes and prompt, with the headline numbers by benchmark."""
 
     name: str
     cells: dict[str, Cell]
@@ -75,7 +75,7 @@ class Step:
         adjusted: The p-value after Holm's correction over all steps of the table.
         test: Name of the test.
         changed: Settings that differ between the two runs.
-        is_supported: Whether the adjusted p-value is below alpha.
+        is_supported: Whether the adjusted p-value is below ``alpha``.
     """
 
     upper: str

@@ -24,13 +24,13 @@ _CURE = "Run better vlm again with the same --out; answered items are not asked 
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredItem:
-    """Score of an item, as a run folder stores it.
+    """Score of an item, as stored in a run folder.
 
     Attributes:
         score: Exact score with the value, as "0", "1" or "2/3".
         stage: Stage that produced the value.
         groups: Name of the item's group by kind of group.
-        cluster: Items with the same cluster share a scene, picture or video.
+        cluster: Items with the same cluster share a scene, image or video.
     """
 
     id: str
@@ -66,7 +66,7 @@ class StoredRun:
         return find_benchmark(str(self.head["benchmark"]))
 
     def counted(self) -> tuple[StoredItem, ...]:
-        """Return the items that the number of the benchmark uses."""
+        """Return the items in the headline number of the benchmark."""
         rule = self.benchmark.headline
         if rule.rule == "micro":
             return tuple(self.items.values())

@@ -72,7 +72,7 @@ class Request:
     """One request to a model.
 
     Attributes:
-        pictures: Reads the pictures (PNG or JPEG) when the request is sent.
+        pictures: Reads the images (PNG or JPEG) when the request is sent.
     """
 
     prompt: str

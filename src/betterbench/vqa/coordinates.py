@@ -25,7 +25,7 @@ class Convention:
 
     Attributes:
         order: "xy" for column before row, "yx" for row before column.
-        side: Number that stands for the whole side of the image; None for pixels of the image that was sent.
+        side: Number for the full side of the image; None for pixels of the image that was sent.
         form: Written form: tuples of numbers, JSON objects, or XML tags.
         unit: Unit in words, for prompts, with ``{width}`` and ``{height}``.
         models: Models that answer in this convention.
@@ -54,7 +54,7 @@ class Convention:
         return [v for x, y in pairs for v in (x * width / self.side, y * height / self.side)]
 
     def request(self, kind: Literal["box", "point", "points"], width: int, height: int) -> str:
-        """Return the sentence of a prompt that asks for a box, a point, or one or more points in this convention."""
+        """Return the sentence of a prompt that requests a box, a point, or one or more points in this convention."""
         unit = self.unit.format(width=width, height=height)
         return f"Answer with {self._shape(kind)} only, in {unit}."
 

@@ -64,7 +64,7 @@ def test_what_is_outside_the_regime_is_refused_in_one_line(sources):
     ):
         with pytest.raises(RecordError, match=problem):
             proven_facts(other, bounds, "record")
-    with pytest.raises(RecordError, match=f"it shows the test {own.id}"):
+    with pytest.raises(RecordError, match=f"it demonstrates the test condition {own.id}"):
         proven_facts(record, replace(bounds, forbidden=(own,)), "record")
     tests = RegimeBounds.of(get_task(TASK), "balanced").forbidden
     assert {c.name for c in tests} == {v.name for v in get_task(TASK).variations}

@@ -46,7 +46,7 @@ def print_steps(table: StepTable) -> None:
         print_item(step.sentence)
     if table.steps:
         print_item(
-            f"Intervals of 95 % are paired and keep items of one picture or video together. A step is supported if its "
+            f"Intervals of 95 % are paired and keep items of one image or video together. A step is supported if its "
             f"paired test is below {table.alpha:g} after Holm's correction over all {len(table.steps)} steps."
         )
     for line in table.warnings:
@@ -98,7 +98,7 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
         lines.append(f"The extractor changed {score.changed} of {everything.n} scores ({share} %).")
     if score.outside:
         lines.append(
-            f"{score.outside} answers have a place outside the picture in the declared convention "
+            f"{score.outside} answers have a place outside the image in the declared convention "
             f"({run.head['coordinates']}). Check --coordinates."
         )
     return lines

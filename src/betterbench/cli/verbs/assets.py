@@ -1,4 +1,4 @@
-"""``better assets``: the overview of its commands, each of which is a module of its own."""
+"""``better assets``: the overview of its commands, each in a separate module."""
 
 from __future__ import annotations
 

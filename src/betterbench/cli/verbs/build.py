@@ -39,8 +39,8 @@ def build_command(
     """Build tasks from scenarios, certify them, and write them as a suite.
 
     Assets are chosen by a search of the catalogue. A task that fails its certificate is changed and tried again:
-    without the failing variations, with other slots, with other assets. What cannot be certified is listed on the page
-    with the clause that failed. The same command gives the same files and resumes, also after Ctrl-C.
+    without the failing variations, with other slots, with other assets. Scenarios that cannot be certified are listed
+    on the page, with the failed clause. The same command gives the same files, and resumes after an interruption.
 
     Example: better build picnic/scenarios --out picnic/suite
 
@@ -53,7 +53,7 @@ def build_command(
         power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
             none.
         workers: Worker processes; one per CPU core if not given.
-        catalogue: Catalogue of better assets index, from which objects that the library lacks are imported.
+        catalogue: Catalogue of better assets index, to import objects that are missing in the library.
         overwrite: Replace files in the folder that better build did not write.
         json: Print one JSON document instead of a table.
     """
@@ -75,8 +75,8 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
     """Return the scenarios of files and folders, in the order of the paths and then of the numbers in the file names.
 
     Raises:
-        InvalidInputError: If a path does not exist, a folder holds no scenario, a file is no scenario, or its objects
-            do not have the groups of the template or names of their own.
+        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, or the
+            groups of its objects differ from the template, or two objects have the same name.
     """
     from betterbench.generation.scenario_form import scenario_from_json
     from betterbench.generation.sense import require_groups
@@ -134,7 +134,7 @@ def build_and_tell(
                 last = progress.last
                 bar.update(task, completed=progress.done, note="" if last is None else last.task_id)
                 if last is not None and not last.certified:
-                    say(f"{last.task_id}: refused: {last.attempts[0].reason}")
+                    say(f"{last.task_id}: rejected: {last.attempts[0].reason}")
 
             built = build_suite(
                 scenarios,
@@ -157,7 +157,7 @@ def build_and_tell(
 
 
 def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
-    """Name the meshes that were imported, and those that were found and cannot be used."""
+    """Print the imported meshes, and the matching meshes that cannot be used."""
     from betterbench.generation.building.importing import IMPORTED
 
     for row, problem in imported.refused:

@@ -28,7 +28,7 @@ def compare_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Compare policies, two by two, on the trials that their runs share.
+    """Compare policies pairwise, on the trials that their runs share.
 
     Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
     chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs

@@ -43,12 +43,12 @@ def generate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write scenarios of a template, or scenarios about a sentence, which chooses the template.
+    """Write scenarios of a template, or scenarios for a sentence, whose words choose the template.
 
     A scenario is a context with an instruction and described objects. The offline author needs no model: it combines
-    objects of the library that make sense together. The answers of a language model are checked against the form and
-    against sense; what is wrong is sent back to the model. Every exchange is kept in exchanges.jsonl, and --replay
-    repeats it without the model. The same command gives the same files and resumes, also after Ctrl-C.
+    objects of the library that belong together. The answers of a language model are checked for form and plausibility,
+    and problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
+    answers instead of the model. The same command gives the same files, and resumes after an interruption.
 
     With --until N, scenarios are drawn, built and certified until the suite has N tasks, without near-duplicates and
     under quotas, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows the quotas,
@@ -60,13 +60,13 @@ def generate_command(
         target: Name of a template (better list templates), or a sentence in quotes; with --until, all templates if not
             given.
         out: Folder of the scenarios.
-        num: Number of scenarios; if not given, 10 of a template, or one about a sentence.
+        num: Number of scenarios; by default, 10 of a template, or one for a sentence.
         model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
             http://localhost:8000/v1#my-model.
         seed: Seed of the offline author.
         tries: Number of answers of a model per scenario.
         vocabulary: Objects that a model may use: those of the library, or any.
-        replay: File exchanges.jsonl of an earlier run, which answers for the model.
+        replay: File exchanges.jsonl of an earlier run, with the answers to use instead of a model.
         key_variable: Environment variable with the key of the endpoint.
         build: Build and certify the tasks in the subfolder "build", as better build does.
         catalogue: With --build: catalogue of better assets index, from which objects that the library lacks are
@@ -147,7 +147,7 @@ def _require_unused(options: Mapping[str, object], needed: str, what: str) -> No
 
 
 def _tell(made: Generated, out: Path, *, json: bool) -> None:
-    """Print the scenarios, and those that the model did not get right."""
+    """Print the scenarios, and the scenarios without a valid answer from the model."""
     from betterbench.generation.scenario_form import scenario_to_json
 
     if json:
@@ -168,5 +168,5 @@ def _tell(made: Generated, out: Path, *, json: bool) -> None:
     if made.reworded:
         say(f"The instruction is not your sentence, which {made.reworded}.")
     for left_out in made.refused:
-        say(f"scenario {left_out.number} was refused after {left_out.tries} tries: {left_out.problem}")
+        say(f"scenario {left_out.number} was rejected after {left_out.tries} tries: {left_out.problem}")
     OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)

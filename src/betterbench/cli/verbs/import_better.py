@@ -37,24 +37,24 @@ def import_better_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Import tasks of the BeTTER release, and list what breaks kinematic isolation or a truthful instruction.
+    """Import tasks of the BeTTER release, and list violations of kinematic isolation and of a truthful instruction.
 
     The folder is a clone of github.com/BeingBeyond/BeTTER, or one task folder in it. The output contains audit.json,
-    audit.md and a suite folder with the tasks on our assets, which --suite and --task-file of other verbs take. The
-    release is only read; nothing in it is executed.
+    audit.md and a suite folder with the tasks on our assets, for --suite and --task-file of other commands. The
+    release is only read; none of its code is executed.
 
     Example: better import-better BeTTER --out imported --certify
 
     Args:
         folder: Clone of the release, or folder with a task.yaml.
         out: Folder to write.
-        asset: Category of our library for an object, as NAME=CATEGORY; instead of the result of the search.
+        asset: Category of our library for an object, as NAME=CATEGORY, instead of the search result.
         catalogue: Catalogue of assets to search; the built-in generators if not given.
         certify: Measure demonstrations of the imported tasks and certify them; takes minutes.
         trials: Trials per variation for --certify.
         demonstrations: Demonstrations per task to measure for --certify.
         workers: Worker processes for --certify; one per CPU core if not given.
-        overwrite: Write to a folder that better import-better did not make, and replace files of the same names there.
+        overwrite: Write to a folder that better import-better did not make, and replace existing files.
         json: Print the audit as one JSON document.
     """
     from betterbench.generation.better_release import audit_form, audit_markdown

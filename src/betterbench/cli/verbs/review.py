@@ -1,4 +1,4 @@
-"""``better review``: human review of imported objects and of scenes in the browser, and what follows from it."""
+"""``better review``: human review of imported objects and scenes in the browser, and the use of the reviews."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def review_command(
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
     --tasks, --suite or --task-file, one condition after the other: slots and placement frames can be moved, and a key
-    certifies the scene. "better review apply FILE --out DIR" writes what was reviewed as new task files and asset
-    folders; the reviewed files stay as they are. "better review agree A.jsonl B.jsonl" prints the agreement of two
+    certifies the scene. "better review apply FILE --out DIR" writes the reviewed tasks and assets to new
+    files; the reviewed files are not changed. "better review agree A.jsonl B.jsonl" prints the agreement of two
     reviews, with Cohen's kappa.
 
     Example: better review meshes --author ada --out reviews.jsonl
@@ -48,7 +48,7 @@ def review_command(
     Args:
         given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or one of the
             words assets, scenes, apply (and a review file) and agree (and two review files).
-        tasks: With scenes: tasks, or single conditions such as fast_food/L1; default: those of --suite or --task-file.
+        tasks: With scenes: tasks, or single conditions such as fast_food/L1; default: all of --suite or --task-file.
         author: Reviewer name in the file; the user's name if not given.
         out: File to which decisions are appended, by default reviews.jsonl, for scenes scene_reviews.jsonl; with
             apply, the folder to write.

@@ -49,16 +49,16 @@ def vlm_command(
     extractor_key_variable: str = "OPENAI_API_KEY",
     json: bool = False,
 ) -> None:
-    """Ask a vision-language model the questions of a static benchmark and score its answers.
+    """Evaluate a vision-language model on a static benchmark.
 
-    The benchmarks are better-vqa (our own questions about recorded frames, which needs no data), embspatial, refspatial
-    and egoplan2. better vlm fetch BENCHMARK downloads data or says what to put where. Every item counts: a missing or
-    unreadable answer is wrong. The same command resumes an interrupted run and asks no item twice.
+    The benchmarks are better-vqa (our own questions about recorded frames, without a download), embspatial, refspatial
+    and egoplan2. better vlm fetch BENCHMARK downloads data or says which files to put where. Every item is scored: a
+    missing or unreadable answer is wrong. The same command resumes an interrupted run and repeats no request.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
     Args:
-        benchmark: Benchmark, "fetch", or "probe" (only finds out in which coordinates a model answers).
+        benchmark: Benchmark, "fetch", or "probe" (only identifies the coordinate convention of a model).
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
         model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model, or hf:FOLDER
             with an InternVL checkpoint (extra vlm).
@@ -69,9 +69,9 @@ def vlm_command(
             thousandths-json, thousandths-yx-json or percent-xml), which our own prompts state (fractions for
             refspatial, pixels for better-vqa if not given). It is never guessed.
         eyes: Resolution of the pictures: unchanged, one tile of 448 pixels, 224 pixels shown as 448, or 224 pixels.
-        max_tiles: Maximum number of InternVL's tiles per picture, 12 if not given; an endpoint gets it as vLLM's
+        max_tiles: Maximum number of InternVL's tiles per image, 12 if not given; an endpoint gets it as vLLM's
             mm_processor_kwargs. Only for native eyes.
-        probe: Check the declared coordinates with ten pictures of known places before the first question.
+        probe: Check the declared coordinates with ten images of known places before the first question.
         extractor: Chat endpoint of a language model that copies the answer out of texts that cannot be read.
         scoring: "official" adds the numbers of upstream scorers, with their faults.
         questions: Approximate number of questions of a set that is made.
@@ -169,14 +169,14 @@ def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key
 def _probe(
     asked: Model, out: Path | None, *, coordinates: Coordinates | None, eyes: Eyes, at_once: int, json: bool
 ) -> None:
-    """Find out in which convention a model answers, and print it."""
+    """Identify and print the coordinate convention of a model."""
     from tempfile import TemporaryDirectory
 
     from betterbench.cli.output.vlm import print_probe
     from betterbench.vlm.probe import TARGETS, probe_model
     from betterbench.vlm.running import PROBE_NAME
 
-    with TemporaryDirectory() as scratch, _bar("asking ten pictures", len(TARGETS)) as on_progress:
+    with TemporaryDirectory() as scratch, _bar("probing ten images", len(TARGETS)) as on_progress:
         folder = out or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         file = folder / PROBE_NAME
@@ -206,7 +206,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
 
 
 def _made(questions: int, workers: int) -> Path:
-    """Make or resume a question set about one trial of the expert on each condition of the suite, and return it."""
+    """Make or resume a question set from one expert trial per condition of the suite, and return the set."""
     import platformdirs
 
     from betterbench.cli.verbs.evaluate import run_with_bar

@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """How a training condition's accepted demonstrations cover its starts."""
+    """Coverage of a training condition's starts by its accepted demonstrations."""
 
     condition: str
     demonstrations: int

@@ -27,7 +27,7 @@ FAILURES: dict[FailureKind, str] = {
     "outside support": "It succeeded with a pick or placement outside the certificate's training regime.",
     "breakdown": "The program failed because of an error in betterbench.",
 }
-"""What each kind of failure means."""
+"""Meaning of each kind of failure."""
 
 
 class AttemptFailedError(Exception):

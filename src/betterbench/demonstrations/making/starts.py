@@ -211,7 +211,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return how the starts from some seeds cover the factors of a training condition."""
+    """Return the coverage of a training condition's factors by the starts from some seeds."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

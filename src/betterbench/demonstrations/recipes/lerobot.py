@@ -47,7 +47,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
         raise InvalidInputError(
             "proprioception",
             "no known policy of LeRobot can be trained without observation.state",
-            "Leave the field out, or take openpi",
+            "Leave the field out, or use openpi",
         )
     settings = _settings(training)
     name = f"{recipe.name}_{policy}"

@@ -268,7 +268,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Return how often each frame is used in training, if the number of frames is known."""
+    """Return the number of times that each frame is used in training, if the number of frames is known."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

@@ -38,8 +38,9 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
 
     The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
 
-    Raises RecordError if the record has the seed of a test, failed, shows another start or order, shows a test, or
-    handles an object where no demonstration of the certificate does.
+    Raises:
+        RecordError: If the record has the seed of a test, failed, has another initial state or order, demonstrates a
+            test condition, or handles an object where no demonstration of the certificate does.
     """
     meta = record.metadata
     if meta.seed < FIRST_DEMONSTRATION_SEED:
@@ -51,7 +52,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
         raise _refusal(where, f"its first state or its instruction is not that of {meta.task}/{meta.condition}")
     tests = conditions_shown(record, bounds.forbidden)
     if tests:
-        raise _refusal(where, f"it shows the test {tests[0].id}")
+        raise _refusal(where, f"it demonstrates the test condition {tests[0].id}")
     condition = found[0]
     segments = subgoal_segments(record, condition)
     done = [segment.subgoal for segment in segments if segment.subgoal]

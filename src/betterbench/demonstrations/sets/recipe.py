@@ -99,10 +99,7 @@ def holds_recipe(out: Path) -> bool:
 
 
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into its dataset's folder, after the check of :func:`require_recipe`.
-
-    Raises the errors of that function.
-    """
+    """Write a recipe into its dataset's folder after :func:`require_recipe`, and raise the errors of this check."""
     require_recipe(recipe, out)
     text = json.dumps(asdict(recipe), indent=1) + "\n"
     write_durably(out / "recipe.json", text.encode())

@@ -733,7 +733,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Return which of two words associated with a place occurs in the place name, such as "upper"."""
+    """Return the word, of two words associated with a place, that occurs in the place name, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]

@@ -346,7 +346,7 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
-    """Return at most :data:`MOST_EPISODES` episodes, drawn by rank with each instruction in proportion."""
+    """Return at most :data:`MOST_EPISODES` episodes, drawn at random; each instruction keeps its proportion."""
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
     by_text: dict[str, list[_Stretch]] = {}
@@ -412,7 +412,7 @@ def _read(
 
 
 def _odd(column: str, values: _Floats) -> str:
-    """Return why values are unusable, "" if they are usable."""
+    """Return the reason why values are unusable, or ""."""
     if not np.isfinite(values).all():
         return f"{NOT_FINITE} (in {column})"
     return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""

@@ -76,12 +76,12 @@ class EpisodePart:
     """The sorted rows [start, stop) of a file that belong to one episode.
 
     Attributes:
-        file: File.
+        file: The data file.
         start: First row.
-        stop: Row after the last one.
-        key: Column with the order of its frames, "" if there is none.
-        first: Value of this column in the first row.
-        last: Value in the last row.
+        stop: Row after the last row.
+        key: Column that orders the frames, "" if there is none.
+        first: Value of the ``key`` column in the first row.
+        last: Value of the ``key`` column in the last row.
         finite: Whether all values are finite.
     """
 

@@ -257,7 +257,7 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
         for i in chosen:
             if len(i) > _MOST_DIGITS or int(i) >= len(numbers):
                 problem = f"{indexed.group(1)} has {len(numbers)} numbers; {one_line(i, most=20)} does not exist"
-                raise InvalidInputError(option, problem, f"They count from 0 to {len(numbers) - 1}")
+                raise InvalidInputError(option, problem, f"Give an index from 0 to {len(numbers) - 1}")
         return tuple(numbers[int(i)] for i in chosen)
     column, colon, name = text.partition(":")
     numbers = columns[find_column(option, column, columns)]

@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return what a fraction means, in words."""
+    """Return the meaning of a fraction in words."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:
@@ -109,7 +109,7 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return how many permutations may reach the value of the data for a corrected p-value of at most a level.
+    """Return the number of permutations that may reach the value of the data if the corrected p-value is significant.
 
     Negative if even zero is too many: the smallest p-value times the number of tests is above the level.
     """
@@ -229,7 +229,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Return first values matched with the outcomes of their demonstrations."""
+    """Return the first values in an order that best matches the outcomes of the demonstrations."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")

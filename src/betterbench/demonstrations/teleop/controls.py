@@ -191,7 +191,7 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm started following, and the tool target at that time.
+        """Return the number of times a leader arm started following, and the tool target at that time.
 
         Returns None before the start.
         """

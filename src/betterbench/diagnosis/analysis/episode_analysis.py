@@ -35,7 +35,7 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """How an attempt's object relates to the instruction at the time of the attempt."""
+    """Relation of an attempt's object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The due step of the instruction refers to the object."""
@@ -141,7 +141,7 @@ class EpisodeAnalysis:
     def opened_first(self) -> tuple[Step, ...]:
         """Attempts that open a drawer before a wrong first choice, because they belong to that choice.
 
-        A wrong drawer before a right first choice is a mistake of its own.
+        A wrong drawer before a correct first choice is a separate mistake.
         """
         first = self.first_choice
         if first is None or first.target is AttemptTarget.ASKED:

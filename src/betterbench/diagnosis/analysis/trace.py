@@ -65,7 +65,7 @@ class Trace(Motion):
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
-        """Return how far a drawer is open [m], or 0 for other objects."""
+        """Return the opening of a drawer [m], or 0 for other objects."""
         for i, cabinet, place in self.drawers:
             if i == drawer:
                 p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()

@@ -65,7 +65,7 @@ _RIGHT = {
 
 
 def card_title(variation: Variation) -> str:
-    """Return what a variation changes, and the correct behavior if that is not to reach the goal."""
+    """Return the changes of a variation, and the correct behavior unless this is to reach the goal."""
     right = "" if variation.expected is Expected.SUCCEED else f" ({_RIGHT[variation.expected.value]})"
     return f"{variation.name}: {_printable(variation.title)}{right}"
 

@@ -121,7 +121,7 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 def _turn_text(action: np.ndarray, space: ActionSpace) -> str:
-    """Return how an action turns the gripper, as text."""
+    """Return the rotation of the gripper by an action, as text."""
     if space.name.startswith("ee_delta"):
         vector = space.clip(action)[3:6] * np.array(space.scale[3:6])
     elif space.name == "ee_pose":

@@ -63,7 +63,7 @@ def check_record(path: Path) -> ReplayCheck:
     is also compared with the run's plan and journal.
 
     Raises:
-        RecordError: If the record or its scene cannot be read, or does not match plan and journal.
+        RecordError: If the record or its scene cannot be read, or does not match the plan and the journal.
     """
     record = read_record(path)
     run = _run_of(path, record)

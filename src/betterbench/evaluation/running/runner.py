@@ -96,14 +96,15 @@ def evaluate(
         workers: Number of worker processes; with 1, the trials run in this process, except for a user's policy, which
             always runs in a separate process. None for one worker per CPU core of this machine or cluster, or for a
             single worker if each would load a policy's weights again.
-        envs: Each worker's environments; None for 1 if the policy answers immediately. Otherwise a warm-up
-            chooses the number from the times of the policy and the simulation, within the free memory.
+        envs: Number of environments per worker. None for 1 if the policy answers immediately, and otherwise for the
+            number that a warm-up finds from the times of the policy and the simulation, within the free memory.
         engine: "local" for processes on this machine, "ray" for actors on a Ray cluster.
         cluster: Cluster for the Ray actors.
         policy_timeout_s: Deadline for one answer of a policy in a worker process [s]; a late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
-        repeats: Run that must have the same policy, unless a changed policy is allowed; None for no comparison.
-        policies: Factory of a policy without an address, for one worker; None for the policy at the plan's address.
+        repeats: Earlier run that must have the same policy, unless ``allow_changed_policy``; None for no comparison.
+        policies: Factory of a policy that has no address, for a single worker; None for the policy at the plan's
+            address.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 

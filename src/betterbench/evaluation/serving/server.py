@@ -40,7 +40,7 @@ KEPT_INSTANCES = 1
 """Number of idle policy instances kept for new clients; others are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server detects the start of an episode, since the protocol has no message for it."""
+"""Method by which a server detects the start of an episode, because the protocol has no message for it."""
 
 
 def open_server(

@@ -50,7 +50,7 @@ def used_bytes(pid: int | None = None, *, proc: Path = PROC) -> int:
 
 
 def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = None, used: int | None = None) -> int:
-    """Return how many environments fit into memory if ``envs`` are open.
+    """Return the number of environments that fit into memory if ``envs`` are open.
 
     Args:
         envs: Environments that are open.

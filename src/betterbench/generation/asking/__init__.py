@@ -1,8 +1,8 @@
-"""Scenarios by a language model, with checks, corrections and kept exchanges.
+"""Scenarios by a language model, with checks, corrections and stored exchanges.
 
-- ``prompt``: the wording of all questions.
-- ``exchanges``: the file of questions and answers, and its replay without the model.
-- ``author``: the loop that asks, checks and sends problems back.
+- ``prompt``: the wording of all requests.
+- ``exchanges``: the file of requests and answers, and its replay without the model.
+- ``author``: the loop that requests scenarios, checks them, and sends problems back.
 """
 
 from betterbench.generation.asking.author import (

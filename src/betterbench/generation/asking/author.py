@@ -1,4 +1,4 @@
-"""Scenarios by a language model: ask, check the form and the sense, send problems back, and keep every exchange."""
+"""Scenarios by a language model: request, check form and plausibility, send problems back, and store each exchange."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Message
 
 DEFAULT_TRIES, MOST_TRIES = 3, 20
-"""Default and largest number of times that one scenario is asked for."""
+"""Default and largest number of requests for one scenario."""
 _LONGEST_ECHO = 8_000
-"""Maximum characters of a refused answer that are sent back."""
+"""Maximum number of characters of a rejected answer that are sent back."""
 _MOST_PROBLEMS = 8
 """Maximum number of problems that are sent back at once."""
 _MOST_SHOWN = 50
@@ -33,7 +33,7 @@ _MOST_SHOWN = 50
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Scenario that a model did not get right.
+    """Scenario without a valid answer from the model.
 
     Attributes:
         number: Number of the scenario, from 1.
@@ -48,7 +48,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios of a model, by number from 1, and those that it did not get right."""
+    """Scenarios of a model, by number from 1, and the scenarios without a valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -68,12 +68,12 @@ def ask_for_scenarios(
 
     Args:
         template: Name of the template.
-        chat: The model with its kept exchanges.
+        chat: The model with its stored exchanges.
         count: Number of scenarios.
-        tries: Number of answers per scenario; the problems of a refused answer are sent back.
-        sentence: Request of a user that each scenario is about.
+        tries: Maximum number of answers per scenario; the problems of a rejected answer are sent back.
+        sentence: Sentence of a user that each scenario must match.
         vocabulary: Allowed asset queries by group, or None for any.
-        on_progress: Called with the finished and all scenarios.
+        on_progress: Called with the number of finished scenarios and of all scenarios.
 
     Raises:
         UnknownNameError: If the template does not exist.
@@ -170,10 +170,10 @@ def _checked(answer: str, request: Request) -> tuple[Scenario | None, Sequence[s
 
 
 def parsed_list(answer: str) -> list[Any]:
-    """Return the list of one scenario in an answer; a code fence around it is removed.
+    """Return the list of one scenario in an answer, without a code fence around the list.
 
     Raises:
-        InvalidInputError: If the answer is empty, is a text instead of JSON, or is no list of one object.
+        InvalidInputError: If the answer is empty, is a text instead of JSON, or is not a list of one object.
     """
     text = without_fence(answer)
     cure = "Answer with a JSON list of one scenario and nothing else"

@@ -1,8 +1,8 @@
-"""Exchanges with a language model, kept so that they can be repeated without the model.
+"""Exchanges with a language model, stored so that they can be replayed without the model.
 
 Each line of ``exchanges.jsonl`` has the messages, the answer and the verdict, and a link that reveals a changed line.
-A question whose answer is in the file is not asked again, so the same command resumes after an interruption, and the
-file of one run answers for the model in another (``--replay``).
+A request whose answer is in the file is not sent again, so the same command resumes after an interruption. In another
+run, ``--replay`` takes the answers from this file instead of the model.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _CURE = "Restore the file from a copy, or choose another folder"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """One question to a model and its answer.
+    """One request to a model, with the answer.
 
     Attributes:
         prompt: Identifier of the prompt's wording.
         model: Name of the model.
-        purpose: What the answer is for ("scenario 3, try 2").
+        purpose: Purpose of the request ("scenario 3, try 2").
         messages: The conversation.
         answer: Text of the answer.
         verdict: "accepted", or the problems that were sent back.
@@ -68,7 +68,7 @@ def key_of(messages: Sequence[Message]) -> str:
 
 
 class ExchangeFile(LineJournal):
-    """File to which exchanges are appended, each on disk before the next question."""
+    """File to which exchanges are appended, each on disk before the next request."""
 
     def __init__(self, path: Path) -> None:
         self.known: dict[str, Exchange] = {}
@@ -111,12 +111,12 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
 
 
 class KeptChat:
-    """A model whose exchanges are kept, or kept exchanges alone; see :class:`~betterbench.vqa.llm.Chat`.
+    """A model whose exchanges are stored, or stored exchanges without a model; see :class:`~betterbench.vqa.llm.Chat`.
 
     Args:
-        file: File of the exchanges; an answer in it is not asked for again.
-        chat: The model, or None to answer only from kept exchanges.
-        kept: Exchanges of another run, which are copied into the file as they are used.
+        file: File of the exchanges; a request with an answer in this file is not sent again.
+        chat: The model, or None to answer only from stored exchanges.
+        kept: Exchanges of another run, copied into the file when they are used.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class KeptChat:
         """Return the answer; :meth:`judge` must follow.
 
         Raises:
-            ModelError: If the model gives no answer, or the kept exchanges have none.
+            ModelError: If the model gives no answer, or the stored exchanges contain none.
         """
         key = key_of(messages)
         self._open = self._file.known.get(key) or self._kept.get(key)
@@ -148,7 +148,7 @@ class KeptChat:
         return self._open.answer
 
     def judge(self, verdict: str) -> None:
-        """Keep the last exchange with its verdict, unless the file has it already."""
+        """Store the last exchange with its verdict, unless the file already contains the exchange."""
         if self._open is not None and self._open.key not in self._file.known:
             self._file.append(replace(self._open, verdict=verdict))
         self._open = None

@@ -1,7 +1,7 @@
-"""The prompt for scenarios. It has the inputs and outputs of the paper's prompt (appendix B.1) in words of our own.
+"""The prompt for scenarios, with the inputs and outputs of the paper's prompt (appendix B.1) in different words.
 
-Unlike the paper's, it asks for one scenario at a time: a refused scenario is corrected in its own conversation, and an
-answer stays short enough to be complete.
+Unlike the paper's prompt, this prompt requests one scenario at a time. A rejected scenario is therefore corrected in a
+separate conversation, and an answer is short enough to be complete.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.tasks.authoring.template_form import template_to_json
 from betterbench.vqa.llm import Message
 
 PROMPT_ID = "betterbench-scenario-1"
-"""Identifier of this wording; change it with every change of a word, because kept exchanges name it."""
+"""Identifier of this wording, stored with each exchange; change the identifier with every change of the wording."""
 
 MAX_TOKENS = 2048
 """Largest length of an answer [tokens]: a scenario has about 600."""
@@ -72,11 +72,11 @@ def scenario_messages(
     vocabulary: Mapping[str, Sequence[str]] | None = None,
     written: Sequence[Scenario] = (),
 ) -> list[Message]:
-    """Return the conversation that asks for scenarios.
+    """Return the conversation that requests scenarios.
 
     Args:
         template: Template to fill.
-        number: Number of the first of these scenarios, which makes the question unique.
+        number: Number of the first of these scenarios, which makes the request unique.
         count: Number of scenarios to write.
         sentence: Sentence of a user that the scenario must be about.
         context: Context that the scenario must have; empty for any.
@@ -108,7 +108,7 @@ def written_lines(written: Sequence[Scenario]) -> str:
 
 
 def correction(answer: str, problems: Sequence[str]) -> list[Message]:
-    """Return the messages that send a refused answer back with its problems."""
+    """Return the messages that send a rejected answer back with its problems."""
     listed = "\n".join(f"- {problem}" for problem in problems)
     cure = "Write the whole answer again, as JSON only, with these fields corrected."
     text = f"This answer was refused:\n{listed}\n\n{cure}"

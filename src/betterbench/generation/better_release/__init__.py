@@ -1,10 +1,10 @@
 """Import and audit of tasks in the YAML format of the BeTTER release (github.com/BeingBeyond/BeTTER, July 2026).
 
-- ``files``: the strict reader of the files of a task; ``resolved``: its variations with everything that they inherit.
+- ``files``: the strict reader of the files of a task; ``resolved``: variations with inherited values.
 - ``matching``: categories of our library for its objects; ``layout``: positions on our table.
 - ``building``: the task in our form, with variations as operations on the nearest training condition.
 - ``sentence``: the objects that an instruction names; ``predicates``: relations in the initial scene.
-- ``audit``: findings on kinematic isolation and on the truth of the instruction, with numbers; ``pages``: its files.
+- ``audit``: findings on kinematic isolation and on the truth of the instruction, with numbers; ``pages``: the report.
 """
 
 from betterbench.generation.better_release.audit import Audit, Finding, audit_release

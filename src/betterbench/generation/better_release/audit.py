@@ -1,6 +1,6 @@
-"""Audit of a release task: what breaks kinematic isolation or a truthful instruction, with numbers.
+"""Audit of a release task: violations of kinematic isolation and of a truthful instruction, with numbers.
 
-Distances are those of the release's own poses, before anything is moved to our table.
+Distances refer to the poses of the release, before positions are moved to our table.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Finding:
     Attributes:
         variation: Id of the variation, "" for the whole task.
         code: Key of :data:`CODES`.
-        text: What was found, in one sentence.
+        text: Description of the finding, one sentence.
         numbers: Measured numbers by name, with the unit at the end ("nearest_own_cm").
         objects: Ids of the objects.
     """
@@ -120,7 +120,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Audit:
-    """All findings on a task, those on the whole task first, then by variation."""
+    """All findings on a task: first on the whole task, then by variation."""
 
     task: str
     findings: tuple[Finding, ...]
@@ -222,7 +222,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that the changes of a variation change something, and that its groups fit the template."""
+        """Check that a variation has an effect, and that its groups fit the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:
@@ -287,7 +287,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the scene
 
     def scene(self, variation: Resolved) -> Iterator[Finding]:
-        """Check what is in the scene, and where."""
+        """Check the objects in the scene and their positions."""
         left = left_behind(variation, self.training)
         for one in left:
             cm = 100.0 * one.distance_m
@@ -438,7 +438,7 @@ class _Auditor:
             yield Finding(variation.name, "other_target", text, {}, tuple(sorted(targets)))
 
     def twins(self, variation: Resolved) -> Iterator[Finding]:
-        """Find earlier variations with the same scene and instruction, and training variations with all the same."""
+        """Find earlier variations with the same scene and instruction, and training variations with equal content."""
         for other in self.resolved.values():
             if other.name == variation.name:
                 return

@@ -44,7 +44,7 @@ _OF_RELATION: Mapping[str, tuple[str, Role]] = {
 """Template and role of the target by our relation."""
 
 _SIDES = {"left_of": "left", "right_of": "right", "behind": "behind"}
-"""Relations of the release that our relation "beside" covers, with its region. Ours also asks for the alignment."""
+"""Relations of the release that our relation "beside" covers, with the region. Ours also requires alignment."""
 
 _HYPOTHESES = {
     Axis.SPATIAL_LAYOUT_SHIFT: "Objects are found by what they are, not by where they lay in training.",
@@ -58,15 +58,15 @@ _NAMES_IN_TITLE = 2
 
 @dataclass(frozen=True)
 class Represented:
-    """How a variation of the release is represented.
+    """Representation of a variation of the release in our form.
 
     Attributes:
-        name: Name of the condition in our task ("train1", "O1"), None if it is not represented.
-        reasons: Reasons for which it is not represented.
-        left_out: Objects that the release has in the scene and our condition has not, with the reason.
+        name: Name of the condition in our task ("train1", "O1"), None if the variation is not represented.
+        reasons: Reasons why the variation is not represented.
+        left_out: Objects that are in the scene of the release but not in our condition, with the reason.
         predicates: Predicates that have no counterpart.
         base: Training condition on which a variation is based.
-        operations: Its operations, as text.
+        operations: Operations on the training condition, as text.
     """
 
     name: str | None
@@ -204,7 +204,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons for which a variation cannot be represented."""
+        """Return the reasons why a variation cannot be represented."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -260,7 +260,7 @@ class _Maker:
         return ("beside", side) if side and side in regions else None
 
     def _is_covered(self, predicate: ReleasePredicate, variation: Resolved) -> bool:
-        """Return whether a predicate is a goal, or a fail predicate that our exclusive goal covers."""
+        """Return whether a predicate is a goal, or a fail predicate that our exclusive goal implies."""
         if predicate in variation.success:
             return self._relation(predicate) is not None
         return predicate.target_id == variation.container and predicate.relation in ("in", "on")

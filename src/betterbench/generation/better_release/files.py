@@ -2,8 +2,8 @@
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
 be missing) and ``variations/ID.yaml``; its constraint template is in ``task_templates`` of the clone (may be missing).
-The names of the fields are those of the release at commit 9d75971. The reader of YAML is passed in, because YAML is
-read in one package only.
+The field names are those of the release at commit 9d75971. The YAML reader is an argument, because only one package
+may import the YAML library.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ class _Bindings:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TemplateSlot:
-    """A group of objects in a template, with the allowed number of members."""
+    """A group of objects in a template, with the allowed number of objects."""
 
     slot_name: _Id
     group_hint: Literal["container", "target", "distractor", "decor"]
@@ -285,7 +285,7 @@ class ReleaseTask:
         groups: Ids of the container, goal, fail and decor objects in ``object_universe.yaml``.
         candidates: Source ids of an object's assets by object id; None without ``asset_bindings.yaml``.
         names: Further names of objects by id, from ``asset_bindings.yaml``.
-        template: Constraint template, or None if the clone has none.
+        template: Constraint template, or None if it is missing in the clone.
     """
 
     folder: Path
@@ -320,7 +320,7 @@ def read_release_task(folder: Path, read_yaml: YamlReader) -> ReleaseTask:
 
     Args:
         folder: Folder with its ``task.yaml``.
-        read_yaml: Function that reads a YAML file; it has to bound the size and the depth, and to refuse aliases.
+        read_yaml: Function that reads a YAML file; the function must limit the size and the depth, and reject aliases.
 
     Raises:
         InvalidInputError: If a file is missing, leads out of the folder by a link or is not YAML, if a field is
@@ -424,7 +424,7 @@ def _require_own_place(file: Path, name: str, variation: VariationFile, base: Va
 
 
 def _template(folder: Path, task: TaskFileForm, read_yaml: YamlReader) -> ReleaseTemplate | None:
-    """Return the template of a task in a clone, where ``task_templates`` lies beside ``tasks/TEMPLATE/TASK``."""
+    """Return the template of a task in a clone, from ``task_templates`` next to ``tasks/TEMPLATE/TASK``."""
     if len(folder.absolute().parents) < 3:
         return None
     home = folder.absolute().parents[2] / "task_templates"

@@ -1,10 +1,10 @@
 """Start positions of the release on our table.
 
-Both world frames have the robot base at the origin, x away from it and y to the left, so positions are taken over as
-they are. Positions that are within 2.5 cm of each other become one slot. A slot is then moved as little as needed so
-that it is in reach and in the view of the front camera, and so that objects of a scene do not overlap with the sizes of
-our assets; the order of any two objects of a scene from left to right and from near to far is kept. Headings are not
-taken over, because our assets have other axes: each slot has a heading at which the gripper is free to open.
+Both world frames have the robot base at the origin, x away from the robot and y to the left, so positions are used
+unchanged. Positions within 2.5 cm of each other become one slot. A slot is then moved as little as necessary to be in
+reach and visible to the front camera, and to avoid overlaps of the objects of a scene at the sizes of our assets. The
+order of any two objects of a scene from left to right and from near to far is kept. Headings are not used, because our
+assets have other axes. Instead, each slot has a heading at which the gripper can open.
 """
 
 from __future__ import annotations
@@ -24,14 +24,13 @@ from betterbench.sim.assets import CollisionPart
 from betterbench.tasks import Slot, get_task, suite_tasks
 
 SAME_SLOT_M = 0.025
-"""Largest distance of two positions that count as one slot [m]: a jitter of 15 mm and the precision of a placement by
-hand."""
+"""Largest distance between two positions in one slot [m]: a jitter of 15 mm and the precision of manual placement."""
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
 """Jitter of slots, and of slots of targets [m]."""
 GAP_M = 0.04
 """Free distance between two objects [m]: room for a finger and for the jitter of both."""
 TARGET_GAP_M = 0.05
-"""Free distance between an object and a target [m]: room for a finger and the palm beside the wall of a container."""
+"""Free distance between an object and a target [m]: room for a finger and the palm next to the wall of a container."""
 NEAR_X_M, FAR_X_M = 0.36, 0.69
 """Distances from the robot base [m] between which the suite has its slots for grasps."""
 FAR_TARGET_X_M = 0.60
@@ -87,7 +86,7 @@ class PlacedSlots:
         of: Slot name by variation and object.
         moved_m: Distance of each slot from its position in the release [m].
         crowded: Pairs of slots used in one scene that could not be separated, with the missing distance [m].
-        hidden: Objects by variation whose middle the target hides from the front camera.
+        hidden: By variation, the objects whose center the target hides from the front camera.
     """
 
     slots: Mapping[str, Slot]
@@ -156,7 +155,7 @@ def place_slots(
 def _same_slot(
     clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
-    """Return the nearest cluster of a position that no other object of the variation uses."""
+    """Return the cluster nearest to a position, without clusters of other objects of the variation."""
     near = [
         c
         for c in clusters
@@ -170,7 +169,7 @@ def _same_slot(
 def _open_yaw(
     name: str, variations: Iterable[Resolved], present: Mapping[str, tuple[str, ...]], matches: Mapping[str, Match]
 ) -> float:
-    """Return a heading of a target that hides few goal objects; the heading in the suite is preferred [rad]."""
+    """Return a heading of a target that hides few goal objects, preferably the heading used in the suite [rad]."""
     if name not in matches:
         return 0.0
     usual = _usual_yaw(matches[name].category)
@@ -279,10 +278,7 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return how much two slots lack of the free distance along x and y [m].
-
-    The value is negative where they have more.
-    """
+    """Return the missing free distance between two slots along x and y [m]; negative if it is more than enough."""
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
     return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])

@@ -22,13 +22,13 @@ from betterbench.sim.assets.catalogue.terms import terms
 SOURCE = "procedural"
 _HITS = 40
 _LARGEST_ITEM_M = 0.17
-"""Largest extent of an object that is carried [m]: the plates of the library, which are gripped at the rim."""
+"""Largest extent of a carried object [m]: that of the library's plates, which are gripped at the rim."""
 _BY_CLASS = 0.25
 """Factor of the score of an asset that only belongs to the same class ("fruit") as the object."""
 _OTHER_NOUN, _OTHER_COLOR, _SAME_CATEGORY, _SAME_ASSET = 0.6, 0.7, 0.7, 0.1
-"""Factors of the score of less suitable assets; they only decide between assets and are not reported."""
+"""Factors for the scores of less suitable assets; they affect only the choice and not the reported score."""
 _LEAST_SCORE = 0.02
-"""Lowest weighted score of a match; below, an object has no asset."""
+"""Lowest weighted score of a match; with a lower score, an object has no asset."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def match_instances(
     """Return the matched assets by object; objects without any similar asset are left out.
 
     Containers are matched with categories that have an inside, a stack or a marked region; other objects with
-    categories that can be grasped. Each category is used once as long as there is another one.
+    categories that can be grasped. No category is used twice while an unused one fits.
 
     Args:
         task: The task.
@@ -186,7 +186,7 @@ def _suitability(
 
 
 def _fits(hit: Hit, *, is_target: bool) -> bool:
-    """Return whether an asset can be a target, or can be carried."""
+    """Return whether an asset can play the role: target, or carried object."""
     category = hit.entry.category
     asset = build(category, look=looks(category)[0], color=hit.entry.color or colors(category)[0])
     regions = {region.name for region in asset.regions}

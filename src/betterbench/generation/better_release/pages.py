@@ -19,10 +19,10 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Imported:
-    """A release task with everything that its import found.
+    """A release task with the results of its import.
 
     Attributes:
-        certificate: Results of the certificate by condition of our task; empty if none was made.
+        certificate: Results of the certificate by condition of our task; empty without certification.
     """
 
     release: ReleaseTask

@@ -1,7 +1,8 @@
 """Relations of the release in an initial scene.
 
-The release judges axis-aligned boxes of its own assets, whose sizes are not in its task files. Relations that need a
-size are therefore estimated with the matched assets of our library; without a matched asset they stay undecided.
+The release evaluates relations on axis-aligned boxes of its assets, whose sizes are not in the task files. Relations
+that depend on a size are therefore estimated with the matched assets of our library. A relation without a matched asset
+is undecided.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ SYNONYMS = {"left": "left_of", "right": "right_of", "front": "front_of", "back":
 
 
 def box_of(pose: ReleasePose, size_m: Vector) -> Box:
-    """Return the box of an object that stands on its position; turns are ignored, so the narrower side is used."""
+    """Return the box of an object that stands at its position; as rotations are ignored, the narrower side is used."""
     side = min(size_m[:2])
     x, y, z = pose.position
     return (x - 0.5 * side, y - 0.5 * side, z), (x + 0.5 * side, y + 0.5 * side, z + size_m[2])

@@ -1,4 +1,4 @@
-"""Variations of the release with everything that they inherit from the base variation."""
+"""Variations of the release, with the values inherited from the base variation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GROUPS = ("goal", "fail", "decor")
 
 @dataclass(frozen=True)
 class Resolved:
-    """A variation with everything that it inherits.
+    """A variation with its inherited values.
 
     Attributes:
         name: Id ("TV-01").
@@ -28,8 +28,8 @@ class Resolved:
         enabled: Whether the release uses it.
         groups: Members of the goal, fail and decor groups, sorted.
         poses: Start pose of every object in the scene.
-        success: Predicates that all have to hold at the end.
-        fail: Predicates of which none may hold at any time.
+        success: Predicates that must all hold at the end.
+        fail: Predicates that must never hold.
     """
 
     name: str
@@ -115,8 +115,8 @@ class LeftBehind:
     """An object that a variation replaces but leaves in the scene.
 
     Attributes:
-        name: The replaced object, which no group names any more.
-        by: The object that the training variations do not have.
+        name: The replaced object, which is no longer in any group.
+        by: The replacement, which is not in the training variations.
         distance_m: Distance of their start positions [m].
     """
 
@@ -126,7 +126,7 @@ class LeftBehind:
 
 
 def left_behind(variation: Resolved, training: Iterable[Resolved]) -> tuple[LeftBehind, ...]:
-    """Return the replaced objects that a variation leaves in the scene beside their replacements."""
+    """Return the replaced objects that a variation leaves in the scene next to their replacements."""
     trained = {name for other in training for name in other.active}
     grouped = {name for members in variation.groups.values() for name in members} | {variation.container}
     found = []

@@ -1,4 +1,4 @@
-"""Objects that an instruction names, read conservatively: what cannot be decided is returned as undecided.
+"""Conservative detection of the objects that an instruction names; unclear nouns are returned as undecided.
 
 Known nouns are the names of the objects of the task, the categories of our library and the words of the catalogue's
 word list, whose lines also say which objects a class such as "fruit" contains.
@@ -179,11 +179,11 @@ def _is_kind(phrase: Noun, nouns: tuple[Noun, ...]) -> bool:
 
 
 def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
-    """Return the nouns of an object, the usual one first: "juice box", "box".
+    """Return the nouns of an object, the usual noun first: "juice box", "box".
 
     Args:
-        instance: The object. Its semantic name is read; without one, its query and its description.
-        name: Another semantic name, as in the asset bindings.
+        instance: The object. The nouns come from its semantic name, or else from its query and description.
+        name: Additional semantic name, as in the asset bindings.
     """
     semantic = tuple(terms(instance.semantic_name or ""))
     described = tuple(filter(None, map(_head, (instance.retrieval_query, instance.description))))

@@ -1,7 +1,7 @@
 """Building of one task: the attempts at a certified task, and the smallest change that helps.
 
-A task that fails its certificate is changed and examined again: first its failing variations are left out, then more
-demonstrations are measured, then its objects get other slots, then other assets are chosen.
+A task that fails its certificate is changed and examined again: first without the failing variations, then with more
+demonstrations, then with other slots, then with other assets.
 """
 
 from __future__ import annotations
@@ -87,9 +87,9 @@ def build_task(
     *,
     settings: Settings,
 ) -> Built:
-    """Return a certified task for a scenario, or the reason for which every attempt failed.
+    """Return a certified task for a scenario, or the reason why every attempt failed.
 
-    A scenario with other groups than its template, or whose instruction asks for another goal, is refused without an
+    A scenario whose groups differ from the template, or whose instruction states another goal, is rejected without an
     attempt.
     """
     problem = _problem_of(scenario)
@@ -147,7 +147,7 @@ def build_task(
 
 
 def _problem_of(scenario: Scenario) -> str:
-    """Return why no attempt can make a task of a scenario, or an empty string."""
+    """Return the reason why no attempt can make a task from a scenario, or an empty string."""
     try:
         require_groups(scenario)
     except BetterError as error:
@@ -157,7 +157,7 @@ def _problem_of(scenario: Scenario) -> str:
 
 
 def _lacking(task: Task) -> str:
-    """Return what a task lacks to be a test of several abilities, or an empty string if it lacks nothing."""
+    """Return the missing requirement for a test of several abilities, or an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

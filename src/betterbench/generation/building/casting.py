@@ -35,7 +35,7 @@ LEAST_SCORE = 0.2
 _SEARCHED = 40
 _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
-"""Smallest score, relative to the best suitable one, of an asset that is almost as good."""
+"""Smallest score, relative to the best suitable asset, of an asset that is almost as good."""
 _FIXED = ("on_ring", "in_hole", "closed")
 """Relations whose target must not yield when an object is pushed into it."""
 _ADJECTIVES = """
@@ -45,14 +45,14 @@ rectangular round rubber shallow shiny short simple single slim small smooth sof
 striped sturdy tall thick thin tiny typical unopened whole wide wooden
 """
 ADJECTIVES = frozenset(_ADJECTIVES.split())
-"""Words of a query that describe an object and do not name it."""
+"""Words of a query that describe an object without naming it."""
 
 _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several", "six", "three", "two"})
 """Words of a query for several objects."""
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
-    """Return why an asset cannot play the role of a group, or an empty string if it can."""
+    """Return the reason why an asset cannot play the role of a group, or an empty string."""
     regions = {region.name for region in asset.regions}
     relation = RELATIONS[template.relation]
     needed = relation.needs

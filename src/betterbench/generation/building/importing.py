@@ -1,4 +1,4 @@
-"""Import of objects that the library lacks, from a catalogue of meshes that the user has indexed."""
+"""Import of objects that are missing in the library, from a catalogue of meshes that the user has indexed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.user_files import load_asset_folders
 IMPORTED = "imported"
 """Folder of the imported assets in the folder of a build; other verbs load it with --asset-dir."""
 MOST_MESHES = 3
-"""Largest number of meshes that are imported for one description; attempts at a task take turns with them."""
+"""Largest number of meshes imported for one description; successive attempts at a task use different meshes."""
 _SEARCHED = 20
 
 
@@ -31,7 +31,7 @@ class ImportedMeshes:
 
     Attributes:
         names: Categories of the imported assets.
-        refused: Rows of the catalogue that were found and cannot be used, with the reason.
+        refused: Rows of the catalogue that match but cannot be used, with the reason.
     """
 
     names: tuple[str, ...] = ()
@@ -42,7 +42,7 @@ def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Cata
     """Import meshes for the descriptions that no object of the library suits, certify them, and load them.
 
     Meshes are found by the words of the descriptions, and need a free license, the certificate of ``better assets
-    check`` and a name with these words. The same call keeps what is imported already.
+    check`` and a name with these words. A repeated call keeps the imported assets.
 
     Args:
         scenarios: Scenarios of the build.
@@ -94,7 +94,7 @@ def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
 
 
 def _problem_of(request: ImportRequest) -> str:
-    """Return why a mesh does not pass its certificate, or an empty string."""
+    """Return the reason why a mesh fails its certificate, or an empty string."""
     certificate = certify_target(Target(request.path.name, request.path, request.wishes, request.color))
     said = certificate.refused or "; ".join(f"{check.name}: {check.sentence}" for check in certificate.failed)
     return one_line(said, most=300)

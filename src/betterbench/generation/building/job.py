@@ -86,8 +86,8 @@ def build_suite(
         name: Name of the suite, without its digest.
         settings: Seeds and demonstrations.
         workers: Worker processes.
-        meshes: Catalogue of ``better assets index``, in which objects that the library lacks are searched.
-        on_import: Called with the assets that were imported from it.
+        meshes: Catalogue of ``better assets index``, searched for objects that are missing in the library.
+        on_import: Called with the assets that were imported from this catalogue.
         on_progress: Called at the start and after every scenario.
 
     Raises:

@@ -57,7 +57,7 @@ def _graspable(catalogue: Catalogue, present: set[str]) -> Mapping[str, list[Cat
 
 
 def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[float, CatalogueEntry]:
-    """Return the likeness of the most similar row, in [0, 3], and the row.
+    """Return the similarity of the most similar row, in [0, 3], and the row.
 
     Returns 0 if neither color nor shape is shared.
     """

@@ -11,7 +11,7 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.terms import terms
 
 SYNONYMS = 2
-"""Number of the first tags of an asset that name it, whatever they are."""
+"""Number of the first tags of an asset that are always used as its names."""
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
@@ -40,8 +40,8 @@ def kinds_of(chosen: Sequence[Choice]) -> list[str]:
 def _nouns(chosen: Sequence[Choice]) -> list[str]:
     """Return the noun of each object.
 
-    A name that spells out the asset, as "fries box", gives way to the everyday noun ("fries") unless this noun fits
-    another object too.
+    A noun that spells out the asset ("fries box") is replaced by the everyday noun ("fries"), unless the everyday noun
+    also fits another object.
     """
     nouns = []
     for i, choice in enumerate(chosen):
@@ -56,7 +56,7 @@ def _nouns(chosen: Sequence[Choice]) -> list[str]:
 
 
 def answers_to(noun: str, entry: CatalogueEntry) -> bool:
-    """Return whether an asset may be called by a noun."""
+    """Return whether a noun may name an asset."""
     names = [set(terms(entry.name)), *(set(terms(tag)) for tag in entry.tags if tag not in COLORS)]
     concepts = understood(noun).concepts
     said = [[phrase for phrase, _ in concept.alternatives] for concept in concepts]
@@ -70,7 +70,8 @@ def answers_to(noun: str, entry: CatalogueEntry) -> bool:
 def _noun(choice: Choice) -> str:
     """Return the noun of an object: words of its query without colors, or the asset's own noun.
 
-    The name of the object may choose among the words of its query: "pepper jar" of "pepper spice jar".
+    If the instance name has only some of the words of the query, these words are used: "pepper jar" of "pepper spice
+    jar".
     """
     entry, described = choice.entry, choice.described
     asked = [word for word in described.asset_query.lower().split() if word not in COLORS]
@@ -90,7 +91,7 @@ def noun_of(entry: CatalogueEntry) -> str:
 
 
 def names_of(kind: str, entry: CatalogueEntry | None) -> set[tuple[str, ...]]:
-    """Return the nouns that an object may be called by, as terms without colors: its kind and the first tags."""
+    """Return the possible nouns for an object, as terms without colors: its kind and its first tags."""
     nouns = [kind, *(() if entry is None else entry.tags[:SYNONYMS])]
     found = (tuple(terms(noun)) for noun in nouns)
     return {tuple(word for word in words if word not in COLORS) or words for words in found}

@@ -1,4 +1,4 @@
-"""Results of a build, as they are stored and shown. Reading them starts no simulator."""
+"""Stored results of a build. Reading them starts no simulator."""
 
 from __future__ import annotations
 

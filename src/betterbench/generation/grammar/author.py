@@ -19,7 +19,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 MOST_SCENARIOS = 10_000
 """Maximum number of scenarios of one call."""
 _COMPARED = 400
-"""Choices of a theme among which the one least like the scenarios so far is taken."""
+"""Number of candidate choices of a theme, of which the least similar to the earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
 """Objects by group without their order: near-duplicates have the same key."""
@@ -54,7 +54,7 @@ def goal_key(choice: Choice) -> GoalKey:
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return the number of different scenarios that the grammar of a template holds, without near-duplicates."""
+    """Return the number of different scenarios in the grammar of a template, without near-duplicates."""
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -63,20 +63,20 @@ def write_scenarios(
 ) -> tuple[Scenario, ...]:
     """Return different scenarios of a template.
 
-    The themes take turns, in an order drawn from the seed. Each scenario is the one of its theme that is least like
-    those before, so that categories change first, and colors where categories cannot. The first scenarios do not depend
-    on the number.
+    The themes take turns, in an order drawn from the seed. Each theme contributes the scenario least similar to the
+    earlier ones, so categories change first, and colors if categories cannot. The first scenarios do not depend on
+    ``count``.
 
     Args:
         template: Name of the template.
         count: Number of scenarios.
         seed: Seed of all choices.
         wanted: Objects that each scenario must have.
-        about: Words of the user; if some occur in a theme, only the themes with the most of them are used.
+        about: Words of the user; if themes share some of the words, only the themes that share the most are used.
 
     Raises:
         UnknownNameError: If the template does not exist.
-        InvalidInputError: If the grammar holds fewer scenarios, or none with the wanted objects.
+        InvalidInputError: If the grammar has fewer scenarios, or none with the wanted objects.
     """
     require_between("--num", count, 1, MOST_SCENARIOS)
     grammar = grammar_of(template)
@@ -117,7 +117,7 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield features of a choice with the cost of repeating them: its set of categories most, a single color least."""
+    """Yield features of a choice with the cost of repeating each: highest for the categories, lowest for a color."""
     for group, kinds in choice.items():
         yield (group, tuple(sorted(category for category, _ in kinds))), 100
         yield (group, tuple(sorted(kinds))), 20
@@ -192,7 +192,7 @@ def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
 def _others(
     themes: Sequence[Theme], every: Sequence[str], group_id: str, named: set[str], least: int
 ) -> tuple[str, ...]:
-    """Return the categories that occur with the named ones in a theme, all if there are too few of them."""
+    """Return the categories that occur in a theme with the named ones, or all categories if these are too few."""
     found: dict[str, None] = {}
     for theme in themes:
         there = [category for pool in theme.groups[group_id].pools for category in pool.categories]
@@ -209,7 +209,7 @@ def _nearest(themes: tuple[Theme, ...], about: str) -> tuple[Theme, ...]:
 
 
 def theme_words(theme: Theme) -> frozenset[str]:
-    """Return the words that distinguish a theme: those of its name, context and instructions that say something."""
+    """Return the words that distinguish a theme: the content words of its name, context and instructions."""
     return frozenset(terms(" ".join((theme.name, theme.context, *theme.instructions)))) - _SAY_LITTLE
 
 

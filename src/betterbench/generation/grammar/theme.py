@@ -1,4 +1,4 @@
-"""Themes: contexts of a template with the objects that make sense in them."""
+"""Themes: contexts of a template with suitable objects."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Objects of which a scenario takes some.
+    """Pool of objects from which a scenario takes some.
 
     Attributes:
         categories: Categories of the library.
@@ -40,7 +40,7 @@ class Pool:
         return [kind for kind in every if not self.only or kind in self.only]
 
     def choices(self) -> Iterator[tuple[Kind, ...]]:
-        """Yield all choices of objects, without regard to their order."""
+        """Yield all choices of objects, ignoring order."""
         if self.by_color:
             every = [kind for category in self.categories for kind in self.kinds(category)]
             chosen = itertools.combinations(every, self.count)
@@ -55,7 +55,7 @@ class Group:
     """Objects of a group of the template.
 
     Attributes:
-        pools: Pools, each of which gives some of the objects.
+        pools: Pools, each of which contributes some of the objects.
         colors_differ: Whether all objects have different colors; otherwise, no two are equal.
         follows: Group whose color the objects have, such as the cabinet of the drawers.
     """
@@ -65,7 +65,7 @@ class Group:
     follows: str = ""
 
     def choices(self, before: Choice) -> Iterator[tuple[Kind, ...]]:
-        """Yield all choices, given the groups before."""
+        """Yield all choices, given the previous groups."""
         color = before[self.follows][0][1] if self.follows else ""
         for parts in itertools.product(*(pool.choices() for pool in self.pools)):
             kinds = tuple(itertools.chain.from_iterable(parts))
@@ -109,8 +109,8 @@ class Grammar:
     """The themes of a template.
 
     Attributes:
-        requested: Name of scenarios with objects that a user named and that fit no theme.
-        general: Wording for such objects.
+        requested: Name of scenarios whose objects were named by a user and fit no theme.
+        general: Instruction for such scenarios.
         most_items: Largest number of items that the pattern of the template takes.
     """
 

@@ -28,7 +28,7 @@ PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
 HALF_HAND_M = 0.0325
 """Half the thickness of the gripper [m]: it must stay in front of the head of the fixture."""
 MARGIN_M = 0.004
-"""Free distance of an object and the gripper from the head of the fixture [m]."""
+"""Free distance between the head of the fixture and an object or the gripper [m]."""
 LONGEST_M = 0.13
 """Largest length of an object in a slot [m]: the handle points away from the other slots."""
 
@@ -145,7 +145,7 @@ class _Positioning:
         return in_order(found), tuple(unbuilt)
 
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
-        """Return the first training condition of a layout that requests another item: its motion is no solution."""
+        """Return the layout's first training condition that requests another item, whose motion is not a solution."""
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
         for number, condition in enumerate(training, start=1):
@@ -155,10 +155,10 @@ class _Positioning:
         raise AssertionError("two items are requested in every layout")
 
     def _balanced(self) -> list[Condition]:
-        """Return each word with all items and another object, then each item alone or beside another's look-alike.
+        """Return each word with all items and another object, then each item alone or with another item's look-alike.
 
-        The additional object keeps these scenes from being tests; only the words determine the target in them. Beside
-        an item's own look-alike, the scene would be a test.
+        The additional object distinguishes these scenes from tests, and only the words determine the target. With the
+        item's own look-alike, the scene would be a test.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}
@@ -185,7 +185,7 @@ class _Positioning:
         return dict(self.alike) or {"": a.distractor("toy_block", "toy block", "block")}
 
     def _orders(self) -> list[tuple[a.ObjectSpec, ...]]:
-        """Return the rotations of the items, in which each item is in each slot once."""
+        """Return the cyclic rotations of the items; each item is in each slot once."""
         n = len(self.items)
         return [tuple(self.items[(i + turn) % n] for i in range(n)) for turn in range(n)]
 

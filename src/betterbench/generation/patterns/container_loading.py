@@ -43,7 +43,7 @@ LONGEST_M = 0.14
 TURNED = CABINET_BACK.yaw
 """Heading of the slots if an object has corners that would touch the walls of a drawer [rad]: that of the cabinet."""
 CORNER_M = 0.005
-"""Distance by which corners may reach beyond half the length of an object [m]: the expert keeps it from the walls."""
+"""Distance by which corners may extend beyond half the length of an object [m]; the expert keeps this gap."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."
@@ -97,7 +97,7 @@ class _Loading:
         return (second, first) if exchanged else items
 
     def load(self, *steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
-        """Return the instruction to put objects into drawers and to close these."""
+        """Return the instruction to put objects into drawers and to close the drawers."""
         parts = [f"the {item.kind} into the {into.kind}" for item, into in steps]
         goals: list[a.Subgoal] = []
         for item, into in steps:
@@ -208,7 +208,7 @@ class _Loading:
 
 
 def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectSpec]:
-    """Return the upper and the lower drawer in their mounts.
+    """Return the upper and the lower drawer, each with its mount.
 
     Raises:
         InvalidInputError: If the cast does not have one drawer for each mount, of the cabinet's family and color.

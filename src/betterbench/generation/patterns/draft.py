@@ -47,7 +47,7 @@ class Draft:
         self.training = tuple(c.with_(name=f"train{i}") for i, c in enumerate(self.training, start=1))
 
     def base_of(self, instruction: a.Instruction, layout: Mapping[ObjectSpec, Slot] | None = None) -> str:
-        """Return the name of the first training condition with an instruction, and with a layout if it is given."""
+        """Return the name of the first training condition with an instruction and, if given, a layout."""
         slots = None if layout is None else {o.name: slot.name for o, slot in layout.items()}
         return next(
             c.name
@@ -94,7 +94,7 @@ class Draft:
         self.unbuilt.append(Unbuilt(axis, title, reason))
 
     def _problem(self, variation: a.Variation) -> str | None:
-        """Return the reason why a variation is impossible or no test, or None."""
+        """Return the reason why a variation is impossible or not a test, or None."""
         try:
             condition = self._carried_out(variation)
         except BetterError as error:
@@ -151,7 +151,7 @@ class Draft:
     ) -> GeneratedTask:
         """Return the task.
 
-        A balanced condition that is the start and the instruction of a test is left out.
+        A balanced condition with the initial scene and the instruction of a test is left out.
 
         Raises:
             InvalidInputError: If a condition breaks the template, its objects may touch, or variations are missing.
@@ -190,7 +190,8 @@ Choice = TypeVar("Choice")
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
     """Return the task of the first choice with enough room.
 
-    Raises the InvalidInputError of the last choice if there is none.
+    Raises:
+        InvalidInputError: The error of the last choice, if no choice has enough room.
     """
     errors = []
     for choice in choices:

@@ -52,11 +52,11 @@ class _Stack:
     words: dict[str, str]
 
     def of(self, *things: ObjectSpec) -> a.Instruction:
-        """Return the instruction to stack layers on the base, from below, and the last layer on top."""
+        """Return the instruction to stack layers on the base from bottom to top, and the last layer on top."""
         return self.only(*things, *self.last)
 
     def only(self, *things: ObjectSpec) -> a.Instruction:
-        """Return the instruction to stack these layers on the base, from below."""
+        """Return the instruction to stack these layers on the base from bottom to top."""
         names = [f"the {o.kind}" for o in things]
         for i in range(1, len(things)):
             if things[i].kind == things[i - 1].kind:
@@ -72,7 +72,7 @@ class _Stack:
 def logical_assembly(cast: Cast) -> GeneratedTask:
     """Return a task in which a base gets the first layer, one of two others and, with four layers, a last one.
 
-    Distractors are not used: nothing but the layers stands in the slots.
+    Distractors are not used: the layers occupy all slots.
 
     Raises:
         InvalidInputError: If there are not three or four layers, a layer cannot be grasped or cannot carry the next
@@ -100,7 +100,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
 
 def _require_heights(stack: _Stack) -> None:
-    """Check that every layer of a test is released within 5 mm of a height that demonstrations have."""
+    """Check that every layer of a test is released within 5 mm of a release height in the demonstrations."""
     one, two, three = stack.layers
     trained = [(one, two), (one, three)]
     tested = [*itertools.permutations(stack.layers, 2), *((o, o) for o in stack.layers[:1])]
@@ -121,7 +121,7 @@ def _require_heights(stack: _Stack) -> None:
 
 
 def _below_m(layers: Sequence[ObjectSpec]) -> tuple[float, float]:
-    """Return the least and the largest height of a stack above its base [m]."""
+    """Return the smallest and the largest height of a stack above its base [m]."""
     heights = [footprint(spec.category).layer_m for spec in layers]
     return sum(low for low, _ in heights), sum(high for _, high in heights)
 
@@ -177,7 +177,7 @@ def _title(stack: _Stack, *things: ObjectSpec) -> str:
 
 
 def _add_look_alike(draft: Draft, cast: Cast, stack: _Stack, starts: dict[ObjectSpec, Slot]) -> None:
-    """Add a look-alike in the slot of a requested layer, which lies in the slot of the one that is not requested."""
+    """Add a look-alike in the slot of a requested layer, which moves to the slot of a layer that is not requested."""
     one, two, three = stack.layers
     for spec, goes, base in ((two, three, "train1"), (three, two, "train2"), (one, three, "train1")):
         for other in look_alikes_of(cast, spec):

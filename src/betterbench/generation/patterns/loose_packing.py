@@ -34,14 +34,14 @@ OPEN_TABLES = tuple(
 """Tables for containers without a lid: of the suite's fast_food, with the container where its tidy_desk has it, and
 with three slots that have more room."""
 LID_TABLES = (Table(_THREE, (_STAND,)),)
-"""Table for containers with a raised lid, which is turned away from the arm: of the suite's fruit_lunch."""
+"""Table of the suite's fruit_lunch, for containers with a raised lid, which is turned away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
 
 _LID_M = 0.10
-"""Height of a container above the depth of its inside [m] from which it has a raised lid."""
+"""Smallest height of a container above the depth of its inside [m] that means a raised lid."""
 
 _ROOM_M = 0.005
-"""Distance that the expert keeps between an item and the walls [m], see the relation ``inside``."""
+"""Distance that the expert keeps between an item and the walls [m]; see the relation ``inside``."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
@@ -56,7 +56,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 def loose_packing(cast: Cast) -> GeneratedTask:
     """Return a task in which the first item is packed, then another one.
 
-    Three or four items are needed. Distractors stand in slots that are left over; others are not used.
+    Three or four items are required. Distractors are used only as far as there are free slots.
 
     Raises:
         InvalidInputError: If there are too few or too many items, an item cannot be grasped, does not fit into the
@@ -83,9 +83,9 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether three items find room in a container whose demonstrations show only two of them at a time.
+    """Return whether three items fit into a container whose demonstrations show only two items at a time.
 
-    A lid leaves two places. Elsewhere they lie side by side, or on each other and below the rim.
+    With a lid, there is room for two. Otherwise the items lie side by side, or on each other and below the rim.
     """
     room = footprint(container.category).inside_m
     if room is None or _has_lid(container):

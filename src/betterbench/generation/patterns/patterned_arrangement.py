@@ -39,8 +39,8 @@ _DESKS = tuple(
 )
 """Tables of the suite's desk_meeting: six slots in front, three for each position of the anchor.
 
-The anchor has less jitter than in the suite, so that no exchange of objects brings two in contact. It stands as far
-from the robot as the objects in front allow: the nearer it is, the less of the space behind a laptop is in reach."""
+The anchor has less jitter than in the suite, so that no exchange of objects causes contact. The anchor is as far
+from the robot as the objects in front allow: the nearer the anchor, the less space behind a laptop is in reach."""
 
 _SETTING = Table(
     starts=(
@@ -61,9 +61,9 @@ _SETTING = Table(
 TABLES = (*_DESKS, _SETTING)
 
 _FRONT_M = 0.070
-"""Largest radius of an object in a slot in front [m]: longer ones reach out of view of the front camera."""
+"""Largest radius of an object in a front slot [m]; longer objects extend beyond the view of the front camera."""
 _NARROW_M = 0.072
-"""Largest width of an object behind an anchor [m]; the gripper has little room there, and the handle of a mug none."""
+"""Largest width of an object behind an anchor [m], where the gripper has little room and a mug's handle has none."""
 _WIDE_M = 0.115
 """Largest width of an object at another side [m]."""
 _CUTLERY_M = 0.09
@@ -82,11 +82,11 @@ Step = tuple[ObjectSpec, str]
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Items with their trained sides, and where they start.
+    """Items with their trained sides and their start slots.
 
     Attributes:
         anchor: Object with the sides.
-        steps: Each item with its side, three in number.
+        steps: Three items, each with its side.
         layouts: Start slots for the first and the second position of the anchor.
         pairs: Trained pairs of steps.
     """
@@ -106,7 +106,7 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
     """Return a task in which two of three items go to their sides of the anchor.
 
     Two long pieces and a compact one are laid around a round anchor as in a place setting; other items start in front
-    of the anchor. Distractors stand around a place setting, as far as there is room; elsewhere they are not used.
+    of the anchor. Distractors are used only around a place setting, as far as there is room.
 
     Raises:
         InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
@@ -163,7 +163,7 @@ def _is_round(anchor: ObjectSpec) -> bool:
 
 
 def _refuse_long(spec: ObjectSpec) -> None:
-    """Refuse an object that would reach out of view."""
+    """Reject an object that would extend beyond the view."""
     size = footprint(spec.category)
     problem = f"a {spec.kind} reaches {1000 * size.radius_m:.0f} mm from its center"
     cure = "Choose objects of at most 70 mm, or two pieces of cutlery and a compact object at a plate"
@@ -171,7 +171,7 @@ def _refuse_long(spec: ObjectSpec) -> None:
 
 
 def _refuse_side(spec: ObjectSpec, side: str) -> NoReturn:
-    """Refuse a side that the instruction of the scenario states, and where there is no room for the object."""
+    """Reject a side in the instruction of the scenario where there is no room for the object."""
     where = f"cast group 'items': {spec.name}"
     problem = f"the instruction puts the {spec.kind} {SIDES[side]} the anchor, where it has no room"
     raise InvalidInputError(where, problem, "State another side, or none")
@@ -246,9 +246,9 @@ def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
 
 
 def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
-    """Move the anchor, for a pair that does not begin with the object in the slot that is first by name.
+    """Move the anchor, for a pair that does not begin with the object in the first slot by name.
 
-    A policy that always begins in its favorite slot would pass otherwise.
+    Otherwise, a policy that always begins in its favorite slot would pass.
     """
     layout = plan.layouts[0]
     favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)
@@ -299,7 +299,7 @@ def _finish(draft: Draft, plan: _Plan, balanced: Sequence[Condition]) -> Generat
 
 
 def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
-    """Yield the pairs of steps with different objects and sides, without those of tests that training lacks."""
+    """Yield the pairs of steps with different objects and sides, without pairs that occur only in tests."""
     sides = [side for _, side in plan.steps]
     trained = {frozenset(pair) for pair in plan.pairs}
     given = [o.arguments.get("instruction") for v in draft.variations for o in v.interventions]
@@ -410,8 +410,8 @@ def _setting_balanced(
 
 
 def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
-    """Return whether the second step picks a piece next to the place where the first step has put something.
+    """Return whether the second step picks a piece next to the object that the first step has placed.
 
-    The piece starts at the edge beside which the anchor leaves little room.
+    The piece starts at the edge where the anchor leaves little room.
     """
     return steps[0][1] == side and steps[1][0] is piece

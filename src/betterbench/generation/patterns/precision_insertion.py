@@ -149,7 +149,7 @@ class _Insertion:
         return in_order(found), tuple(unbuilt)
 
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
-        """Return the version of a jar that only its label tells from the others, or None.
+        """Return the version of a jar that only its label distinguishes from the others, or None.
 
         By convention its category is "plain_" and the kind, with underscores ("plain_salt_jar").
         """
@@ -188,7 +188,7 @@ def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:
 
     Raises:
         InvalidInputError: If the rack has no holes of a known width, or if the item does not fit into them with a
-            clearance of 2 to 3 mm a side or cannot be held above them.
+            clearance of 2 to 3 mm per side, or cannot be held above them.
     """
     require_grasp(item)
     for asset, holder in itertools.product(assets_of(item), assets_of(rack)):

@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """The lowest plate, and the two that are put on it and on each other."""
+    """The lowest plate, and the two plates that are put on it and on each other."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -44,7 +44,7 @@ class _Plates:
     words: dict[str, str]
 
     def onto(self, *steps: tuple[ObjectSpec, ObjectSpec]) -> a.Instruction:
-        """Return the instruction to put plates on plates, from below."""
+        """Return the instruction to put plates on plates, from bottom to top."""
         parts = [f"the {upper.kind} on the {lower.kind}" for upper, lower in steps]
         goals = (a.subgoal(f"{u.name}_on_{lo.name}", a.ON_PLATE, u, lo, word=self.words[u.kind]) for u, lo in steps)
         return a.ordered(f"Put {', then '.join(parts)}.", *goals)
@@ -54,8 +54,8 @@ class _Plates:
 def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task in which two plates are put on the widest one, or the second on the first.
 
-    A plate that goes on another in the instruction of the scenario goes on it in training. The plate with a look-alike
-    is the middle one of the whole stack. Distractors are not used: the plates take up the table.
+    If the instruction of the scenario puts one plate on another, so does training. The plate with a look-alike is the
+    middle plate of the whole stack. Distractors are not used, because the plates fill the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit
@@ -83,7 +83,7 @@ def _require_carried(upper: ObjectSpec, lower: ObjectSpec) -> None:
     """Check that a plate can stand on another."""
     for spec in (upper, lower):
         if not {"base", "floor"} <= footprint(spec.category).regions:
-            problem = f"a {spec.kind} (category {spec.category}) is no plate: it lacks the region 'base' or 'floor'"
+            problem = f"a {spec.kind} (category {spec.category}) is not a plate: it lacks the region 'base' or 'floor'"
             raise InvalidInputError(f"cast group 'plates': {spec.name}", problem, "Choose plates of the library")
     over, under = footprint(upper.category), footprint(lower.category)
     if over.radius_m > under.radius_m:
@@ -150,9 +150,10 @@ def _add_look_alike(draft: Draft, cast: Cast, plates: _Plates, near: dict[Object
 
 
 def _balanced(plates: _Plates, near: dict[ObjectSpec, Slot]) -> Iterator[Condition]:
-    """Yield each instruction with each slot of its plate, for either position of the lowest plate.
+    """Yield each instruction with its plate in each slot, for both positions of the lowest plate.
 
-    Nothing else fits to the right of the right position, so that position occurs with the left slots only.
+    If the lowest plate is in the right position, there is no room for other plates on the right, so only the left
+    slots are used.
     """
     base, middle, top = plates.base, plates.middle, plates.top
     on_base = {o: plates.onto((o, base)) for o in (middle, top)}

@@ -1,4 +1,4 @@
-"""Objects of a cast in their roles, and the objects that look like them."""
+"""Roles of the objects of a cast, and the look-alikes of these objects."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from betterbench.sim.assets import colors
 from betterbench.tasks.condition import ObjectSpec, Role
 
 BYSTANDER_M = 0.10
-"""Largest footprint of an object that only stands aside [m]."""
+"""Largest footprint of an object that is not moved [m]."""
 _LONGEST_M = 0.14
 """Largest footprint of a look-alike in a slot of the fixtures [m]."""
 _FALLBACK = "block"
-"""Category that exists in most colors: its objects look like another object by color alone."""
+"""Category with the most colors, whose objects resemble another object only by color."""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
-    """Return the objects of a group in their role.
+    """Return the objects of a group with their role.
 
     Raises:
         InvalidInputError: If the group has another number of objects than allowed.
@@ -40,7 +40,7 @@ def in_role(role: Role, objects: Iterable[ObjectSpec]) -> tuple[ObjectSpec, ...]
 
 
 def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
-    """Return a second instance of an object, with a name that is free in the cast."""
+    """Return a second instance of an object, with an unused name."""
     taken = {o.name for objects in (*cast.groups.values(), *cast.look_alikes.values()) for o in objects}
     return replace(spec, name=next(n for i in itertools.count(2) if (n := f"{spec.name}_{i}") not in taken))
 

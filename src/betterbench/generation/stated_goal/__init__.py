@@ -1,13 +1,13 @@
-"""Goal that an instruction states, and what in it the pattern of the template cannot hold.
+"""Goal stated in an instruction, and the parts of this goal that the pattern of the template does not support.
 
-An instruction may ask for more than the objects: a side of the laptop, a hole of the rack, a number, an order.
-:func:`stated_goal` reads these. What a pattern can hold is in :class:`StatedGoal`, from which the patterns take sides,
-drawers, holes and plates. Everything else is a problem that names the word, so that no instruction asks for a goal that
+An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
+:func:`stated_goal` reads these parts. The supported parts are in :class:`StatedGoal`, from which the patterns take
+sides, drawers, holes and plates. Everything else is a problem that names the word, so no instruction states a goal that
 the task does not have.
 
 - ``relations``: the words that are read.
 - ``reading``: nouns with the objects that they mean, and relations between them.
-- ``held``: the relations that each pattern holds. ``demands``: negations, numbers, orders and poses, which none holds.
+- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, always unsupported.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ _CAN = {
     "precision_insertion": "each item goes into a hole of the rack: left, middle or right",
     "recursive_stacking": "plates go on plates",
 }
-"""Relations that the pattern of each template can hold."""
+"""Relations that the pattern of each template supports."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Parts of a goal that an instruction states and the patterns hold.
+    """Parts of a stated goal that the patterns support.
 
     Attributes:
         regions: Side, drawer ("upper") or hole ("hole_1") by the ``instance_name`` of an item.
         onto: Pairs of plates by ``instance_name``: the upper and the lower one.
-        problems: Words that ask for something else, with the reason.
+        problems: Words for unsupported parts, with the reason.
     """
 
     regions: Mapping[str, str] = field(default_factory=dict)
@@ -64,7 +64,7 @@ class StatedGoal:
 
 
 def goal_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield the words of an instruction that ask for a goal the pattern does not hold, as problem and remedy."""
+    """Yield the words of an instruction that state an unsupported goal, as problem and remedy."""
     for word, reason in stated_goal(scenario).problems:
         can = _CAN.get(template.name, template.description)
         cure = f"Write a sentence such as {example_about(scenario)!r}" if template.name in _CAN else "Leave it out"
@@ -82,7 +82,7 @@ def stated_goal(scenario: Scenario) -> StatedGoal:
 
 
 def example_about(scenario: Scenario) -> str:
-    """Return an instruction with the objects of a scenario that its pattern can hold."""
+    """Return an instruction for the objects of a scenario that the pattern supports."""
     template = TEMPLATES[scenario.template]
     roles = {group.group_id: group.role for group in template.groups}
     nouns = {

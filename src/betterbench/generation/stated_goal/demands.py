@@ -26,12 +26,12 @@ _UNLESS_DESCRIBED = (
 
 
 def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the words that state a negation, a choice, an order, a pose or a number of nothing, with the reason."""
+    """Yield the words for a negation, a choice, an order, a pose or a number without objects, with the reason."""
     described = frozenset().union(*map(words_of_object, r.objects.values()))
     items = [m for m in r.mentions.values() if r.is_item(m)]
     for i, word in enumerate(r.tokens):
         if word in COMPARED:
-            yield r.raw[i], "objects are told apart by kind and color"
+            yield r.raw[i], "objects are distinguished by kind and color"
         if i in r.taken:
             continue
         reasons = [reason for words, reason in _NEVER if word in words]
@@ -52,7 +52,7 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return a reason if a word is a number that no scene has, or that counts nothing."""
+    """Return a reason if a word is a number that no scene has, or a number without objects."""
     raw = r.raw[at]
     if raw in NUMBERS:
         return "" if _counts_a_noun(r, at) else "it is the number of nothing in the goal"
@@ -80,7 +80,7 @@ def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
 
 
 def number_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the numbers that are not those of the objects."""
+    """Yield the numbers that differ from the numbers of objects."""
     for mention in r.mentions.values():
         items = [n for n in mention.objects if r.role_of[n] in ("item", "drawer")]
         noun = r.raw[mention.end - 1]

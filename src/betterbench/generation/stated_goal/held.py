@@ -1,4 +1,4 @@
-"""Relations that the pattern of each template holds, and the reasons why it does not hold others."""
+"""Relations that the pattern of each template supports, and the reasons why others are unsupported."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.generation.stated_goal.relations import HOLES, RING, SIDES
 
 
 def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
-    """Return the one item that a relation is about, or a reason."""
+    """Return the single item that a relation is about, or the reason why there is none."""
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:
         count = "no" if not named else "more than one"
@@ -20,7 +20,7 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _enter(r: Reader, said: Said, region: str, regions: dict[str, str]) -> Iterator[str]:
-    """Enter the region of an item, or yield the reason why it is impossible."""
+    """Record the region of an item, or yield the reason why the region is impossible."""
     name, reason = _item(r, said, regions)
     if reason or not name:
         yield reason or "it is said of no item"
@@ -136,7 +136,7 @@ def _stacked(r: Reader, said: Said, _regions: object, onto: list[tuple[str, str]
     lower = said.target.objects[0]
     uppers = [n for m in said.subjects for n in m.objects if n != lower]
     if len(said.target.objects) > 1 and len(uppers) < 1:
-        yield "the plates are not told apart"
+        yield "the plates are not distinguished"
     for upper in uppers:
         if (lower, upper) in onto:
             yield "a plate cannot be above and below another"

@@ -43,7 +43,7 @@ class Mention:
     Attributes:
         at: Place of its first word among the tokens.
         end: Place after its last word.
-        objects: Names of the objects that it may mean.
+        objects: Names of the objects that the noun may mean.
         number: Stated number of objects, 2 for a plural without a number, otherwise 0.
     """
 
@@ -60,9 +60,9 @@ class Said:
     Attributes:
         words: Its words ("to the left of").
         meaning: Its meaning ("left").
-        subjects: Nouns before it that have no relation yet.
-        target: Noun after it, None for a place or without a target.
-        place: Place after it ("table", "ring"), or "it" for a pronoun; empty if there is none.
+        subjects: Nouns before the relation that have no relation yet.
+        target: Noun after the relation, None for a place or without a target.
+        place: Place after the relation ("table", "ring"), or "it" for a pronoun; empty if there is none.
         position: Word before "hole" ("left"), or a part of the target ("ring").
     """
 
@@ -121,7 +121,7 @@ class Reader:
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the objects that a noun may mean; those that are called so come before those described with it."""
+        """Return the objects that a noun may mean: first objects with this name, then objects described with it."""
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
         last, color = words[-1], color_before(self.tokens, at)
@@ -141,7 +141,7 @@ class Reader:
         return tuple(found)
 
     def _members(self, noun: str) -> list[str]:
-        """Return the items that a collective stands for: the jars for "spices"."""
+        """Return the items that a collective noun means: the jars for "spices"."""
         members = collective(noun)
         items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
@@ -186,7 +186,7 @@ class Reader:
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
 
     def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
-        """Return whether the words of a relation state none: "to go", "in one pile"."""
+        """Return whether the words of a relation have another meaning: "to go", "in one pile"."""
         following = self.tokens[at + 1] if at + 1 < len(self.tokens) else ""
         return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
 
@@ -238,7 +238,7 @@ class Reader:
         )
 
     def moved(self, said: Said) -> str:
-        """Return a reason if something else than an item would be moved."""
+        """Return a reason if the relation would move an object that is not an item."""
         wrong = [m for m in said.subjects if m.objects and not self.is_item(m)]
         return f"the {self.raw[wrong[0].end - 1]} stays where it is" if wrong else ""
 

@@ -41,7 +41,7 @@ RING_OR_SPOUT = RING | {"spout"}
 SURFACES = frozenset(
     {"table", "desk", "counter", "buffet", "workspace", "workstation", "kitchen", "tabletop", "countertop", "bathroom"}
 )
-"""Places on which all objects stand, so that "on the table" asks for nothing more."""
+"""Places on which all objects stand, so "on the table" adds no requirement."""
 TRASH = frozenset({"trash", "garbage", "litter"})
 GATHERED = frozenset({"pile", "stack", "tower", "column", "one"})
 _POSITIONS_WORDS = """
@@ -80,4 +80,4 @@ READ_WORDS = frozenset().union(
     *RELATIONS, RING, SURFACES, GATHERED, POSITIONS, NEGATIONS, CHOICES, AGAIN, COMPARED, POSES, OPEN,
     THEN, ORDER, NUMBERS, PRONOUNS, COUNTS, DETERMINERS, ("first", "close", "hole", "slot", "spout", "with"),
 )  # fmt: skip
-"""Words that :func:`stated_goal` reads, or refuses with a reason."""
+"""Words that :func:`stated_goal` interprets, or rejects with a reason."""

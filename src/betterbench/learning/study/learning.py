@@ -86,11 +86,11 @@ def train_learners(
 ) -> tuple[TrainedPolicy, ...]:
     """Train all jobs in parallel and return the policies in order; a single job is trained in this process.
 
-    The frames for learners of pixels are rendered first, by ``workers`` processes.
+    First, ``workers`` processes render the frames for learners of the ``pixels`` family.
 
     Raises:
         TrainingError: If a process dies.
-        BetterError: Job error. The other jobs are stopped too, and everything saved is kept.
+        BetterError: The error of a job. The other jobs are stopped too, and everything saved is kept.
     """
     for job in jobs:
         _draw(job, tell, workers)

@@ -69,7 +69,7 @@ class Expectation:
 
 
 def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
-    """Write page, JSON and CSV of a study into its folder, and return the findings.
+    """Write the page, the JSON file and the CSV files of a study into its folder, and return the findings.
 
     study.json and the CSV files contain the measurements; their bytes do not depend on interruptions. The page also
     reports the durations.

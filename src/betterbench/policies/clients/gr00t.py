@@ -92,7 +92,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
         for name in ("constants", "depths"):
             if getattr(self.adapter, name):
-                raise address.error(f"adapter {self.adapter.name} has {name}, but GR00T has none", "Remove them")
+                raise address.error(f"adapter {self.adapter.name} has {name}, which GR00T does not use", "Remove them")
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities

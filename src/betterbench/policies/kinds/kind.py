@@ -159,7 +159,7 @@ class PolicyKind:
     def entries(self) -> tuple[PolicyEntry, ...]:
         """Return the rows for ``better list policies``.
 
-        Empty for a kind without a summary, which is always rejected.
+        A kind without a summary has no rows, because its addresses are always rejected.
         """
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()

@@ -77,7 +77,7 @@ class Learner:
 
         Args:
             shown: A batch of one sample.
-            seed: Seed of a flow's noise.
+            seed: Seed of the noise of a flow-matching learner.
         """
         noise = None
         if self.trained.recipe.loss == "flow":
@@ -112,7 +112,7 @@ class LearnedPolicy:
     """Learner of ``objects`` in one episode, which answers again after executing ``execute`` actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
-        """Prepare for one episode; ``episode`` is the seed of a flow's noise."""
+        """Prepare for one episode; ``episode`` seeds the noise of a flow-matching learner."""
         self.name = name
         self._learner, self._instruction, self._episode, self._execute = learner, instruction, episode, execute
         self._things: Things | None = None

@@ -66,7 +66,7 @@ class FrameChange:
 SceneChange = SlotChange | FrameChange
 """A change of a task's scenes."""
 SceneDecision = Annotated[SlotChange | FrameChange | Verdict | Undo, Field(discriminator="kind")]
-"""A change, a verdict or the undoing of a decision."""
+"""A change, a verdict or an undo."""
 
 
 @strict_form
@@ -79,8 +79,8 @@ class SceneReview:
         time: Time of the decision, UTC, ISO 8601.
         content: Hash of the task without changes (:func:`~betterbench.review.scenes.forms.task_content`).
         task: Name of the task.
-        condition: Name of the condition whose scene the person saw.
-        scene: Hash of this scene before the decision (:func:`~betterbench.review.scenes.forms.scene_content`).
+        condition: Name of the reviewed condition.
+        scene: Hash of the reviewed scene before the decision (:func:`~betterbench.review.scenes.forms.scene_content`).
         decision: The decision.
     """
 
@@ -98,7 +98,7 @@ class SceneReview:
         return f"{self.task}/{self.condition}"
 
     def misfit(self, changes: int) -> str:
-        """Return why a verdict does not fit a number of changes, "" if it does."""
+        """Return the reason why a verdict does not match the number of changes, or ""."""
         if isinstance(self.decision, Verdict) and self.decision.verdict == "fix" and not changes:
             return f"'fix' without a change of {self.subject}, expected 'accept'"
         return ""
@@ -125,12 +125,12 @@ def read_scene_reviews(path: Path) -> tuple[SceneReview, ...]:
 
 
 def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | None:
-    """Return the last standing verdict on a condition, None if its scene was changed afterwards.
+    """Return the last valid verdict on a condition, None if its scene was changed afterwards.
 
     Args:
         history: Decisions about the task.
         condition: Name of the condition.
-        scene: Hash of the scene with all standing changes.
+        scene: Hash of the scene with all active changes.
     """
     found: Verdict | None = None
     for _, review in history.reviews:
@@ -140,7 +140,7 @@ def verdict_on(history: SceneHistory, condition: str, scene: str) -> Verdict | N
 
 
 def last_verdicts(reviews: Sequence[SceneReview], where: str) -> dict[tuple[str, str], tuple[str, str]]:
-    """Return the name of each judged scene and its last standing verdict, by task content and condition."""
+    """Return the name of each judged scene and the last valid verdict, by task content and condition."""
     found: dict[tuple[str, str], tuple[str, str]] = {}
     for content, history in histories(reviews, where).items():
         for _, review in history.reviews:

@@ -108,7 +108,7 @@ class SceneDesk:
         return self.content != scene_content(task, condition_of(task, self.at_hand.condition))
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the standing verdict on each scene of the queue."""
+        """Return the valid verdict on each scene of the queue."""
         return [scene.verdict(self.journal.history(scene.task.content)) for scene in self.queue]
 
     # -------------------------------------------------------------------------------------------------- slots, frames
@@ -160,7 +160,7 @@ class SceneDesk:
         return frames[self.selected % len(frames)] if frames else None
 
     def poses(self) -> dict[str, Pose]:
-        """Return ``T_world_object`` of each object at the start; the edit in progress moves what is in its slot."""
+        """Return ``T_world_object`` of each object at the start, with the edit in progress applied."""
         if self.scene is None:
             return {}
         poses = {p.spec.name: p.pose for p in self.scene.placements}
@@ -171,7 +171,7 @@ class SceneDesk:
         return {name: move @ poses[name] if name in self._carried(self.edit.slot) else poses[name] for name in poses}
 
     def _carried(self, slot: str) -> set[str]:
-        """Return the names of the objects that move with a slot: its object, and what rests on or slides in it."""
+        """Return the names of the objects that move with a slot: its object, and the objects on or inside it."""
         condition = self.condition
         found = {name for name, place in condition.layout.items() if place == slot}
         on = {name: place.target for name, place in condition.preplaced.items()}
@@ -298,7 +298,7 @@ class SceneDesk:
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def accept(self) -> None:
-        """Accept the scene, with the changes of its task if they concern it, and show the next scene."""
+        """Accept the scene, with the changes of the task that affect the scene, and show the next scene."""
         if self.keep():
             if self.problem:
                 self._say("The scene cannot be built; reject it, or undo the change.", problem=True)
@@ -323,7 +323,7 @@ class SceneDesk:
         self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
 
     def undo(self) -> None:
-        """Drop the edit in progress; without one, undo the last decision on this task that still stands."""
+        """Drop the edit in progress; without an edit, undo the last active decision on this task."""
         if self.edit is not None:
             self.drop_edit()
             return
@@ -354,7 +354,7 @@ class SceneDesk:
     # ------------------------------------------------------------------------------------------------------ certifying
 
     def certify(self) -> None:
-        """Examine the scene as ``better certify`` does, with the present seed; an edit in progress is kept first."""
+        """Certify the scene as ``better certify`` does, with the current seed; an edit in progress is kept first."""
         if not self.keep():
             return
         if self.problem:

@@ -16,7 +16,7 @@ from betterbench.review.scenes.changes import FrameChange, SceneChange, SlotChan
 from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
-"""Tolerances for values that a reviewer saw, for rounding."""
+"""Tolerances for the rounding of values that a reviewer saw."""
 _OTHER_CURE = "Restore the reviewed task file, or review this one"
 
 

@@ -37,10 +37,10 @@ class ReviewedTask:
         return str(self.form["id"])
 
     def changed(self, changes: Sequence[SceneChange]) -> Task:
-        """Return the task with changes, under its present version, whose demonstrations were measured.
+        """Return the task with changes but the original version number, for which demonstrations were measured.
 
         Raises:
-            InvalidInputError: If the changes were made on another task.
+            InvalidInputError: If the changes belong to another task.
         """
         return _changed(self, tuple(changes))
 
@@ -64,7 +64,7 @@ class QueuedScene:
         return f"{self.task.name}/{self.condition}"
 
     def verdict(self, history: SceneHistory) -> Verdict | None:
-        """Return the standing verdict on the scene."""
+        """Return the valid verdict on the scene."""
         changed = self.task.changed(history.changes)
         scene = scene_content(changed, condition_of(changed, self.condition), history.changes)
         return verdict_on(history, self.condition, scene)

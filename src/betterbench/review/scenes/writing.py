@@ -32,8 +32,8 @@ class ReviewedForm:
     Attributes:
         form: JSON form with the changes, without rejected variations.
         rejected: Names of rejected variations, with the reason.
-        moved: Whether a slot has moved, so that demonstrations have to be measured again.
-        changes: All standing changes.
+        moved: Whether a slot has moved, so that demonstrations must be measured again.
+        changes: All active changes.
     """
 
     form: dict[str, Any]
@@ -46,7 +46,7 @@ def reviewed_form(form: Mapping[str, Any], history: SceneHistory) -> ReviewedFor
     """Return the form of a task with the decisions of a review.
 
     Raises:
-        InvalidInputError: If a condition has no standing verdict, or a training condition was rejected.
+        InvalidInputError: If a condition has no valid verdict, or a training condition was rejected.
     """
     task = ReviewedTask(form, task_content(form))
     name, changes = task.name, history.changes
@@ -98,7 +98,7 @@ def reviewed_forms(path: Path) -> dict[str, ReviewedForm]:
             raise InvalidInputError(name, problem, "Restore the reviewed task file, or review this one")
         found[name] = reviewed_form(form, history)
     if not found:
-        raise InvalidInputError(str(path), "it has no decision that stands", "Review scenes first")
+        raise InvalidInputError(str(path), "it has no active decision", "Review scenes first")
     return found
 
 

@@ -202,7 +202,7 @@ class ArmIK:
         return lowest, highest
 
     def _reach_in_window(self, moved: Sequence[float], window: _Window) -> float | None:
-        """Return a joint's largest step [rad] to angles inside the range of :meth:`window`, or None for others."""
+        """Return the largest step [rad] of any joint, or None if an angle is outside the range of :meth:`window`."""
         q, centers, lead = window
         farthest = 0.0
         # Far from its position limits a joint is limited only by its speed and its lead.

@@ -145,8 +145,11 @@ def robot(name: str) -> RobotSpec:
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
     """Return a new MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
-    Physics is the same without visual meshes. Raises UnknownNameError for an unknown robot, MissingDependencyError if
-    the package with the meshes is not installed.
+    Physics is the same without visual meshes.
+
+    Raises:
+        UnknownNameError: If the robot is unknown.
+        MissingDependencyError: If the package with the meshes is not installed.
     """
     robot(name)
     return _ROBOTS[name][1](visuals=visuals, progress=progress)

@@ -1,4 +1,4 @@
-"""Scene description for its episode's record."""
+"""Description of a scene for the record of its episode."""
 
 from __future__ import annotations
 

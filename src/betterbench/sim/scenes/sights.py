@@ -37,11 +37,10 @@ GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIE
 def sight_type(
     view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int, gripper: bool = False
 ) -> np.dtype[np.void]:
-    """Return the type of one sight, the same bytes in every process.
+    """Return the array type of one rendered view; the byte layout is the same in every process.
 
     Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body id plus one, 0
-        for the
-    sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
+    for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
     ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), boxes
     (:data:`betterbench.interface.state.seen.Box`) of an object's visible part and of its unoccluded outline, -1 without
     any pixel; ``visible_pixels`` and ``full_pixels`` (objects,) the numbers of pixels; ``gripper_pixels`` (2,) those of
@@ -64,7 +63,7 @@ def sight_type(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFacts:
-    """Properties of a model that all its sights have in common.
+    """Properties of a model that are the same in all its rendered views.
 
     Attributes:
         instances: (bodies,) instance id of each body.

@@ -1,6 +1,6 @@
 """Short trials of one asset for a person who reviews it: dropping it on a table, and lifting it by a grasp.
 
-Each returns the motion, to be shown, and a sentence with the result.
+Each trial returns the motion, for display, and a sentence with the result.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Tryout:
     """Trial outcome.
 
     Attributes:
-        passed: Whether the asset did what it should.
+        passed: Whether the trial succeeded.
         sentence: Result in one sentence.
         asset: (T, 7) positions [m] and quaternions (w, x, y, z) of the asset, one row every :data:`FRAME_S`.
         gripper: The same for the gripper's bodies by name ("hand", "left_finger", "right_finger"); empty without.

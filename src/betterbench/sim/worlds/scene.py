@@ -431,7 +431,7 @@ class ProcessScene:
         return ProcessTracker(self)
 
     def described(self, *, images: bool) -> SceneDescription:
-        """Return what a record says about the scene, after its reset."""
+        """Return the metadata of the scene for a record, after a reset."""
         from betterbench.sim.scenes.described import SceneDescription  # noqa: PLC0415 - a list of suites needs none
 
         engine = {**self.engine, "machine": platform.machine()}

@@ -81,7 +81,7 @@ def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
 
 
 def regimes_from(source: Callable[[str], Mapping[str, ListedRegime]]) -> Callable[[str], Mapping[str, ListedRegime]]:
-    """Register a function that returns the regimes of a task by its name, for regimes in files of their own."""
+    """Register a function that returns the regimes of a task by its name, for regimes in separate files."""
     _REGIME_SOURCES.append(source)
     return source
 

@@ -370,7 +370,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
 
 
 def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegime]:
-    """Return listed regimes; their conditions may use slots of their own, in addition to those of the task."""
+    """Return listed regimes; their conditions may use extra slots, in addition to the slots of the task."""
     found = {}
     own = dict(names.slots)
     for regime, listed in form.items():

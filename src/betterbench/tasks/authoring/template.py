@@ -106,7 +106,7 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals)
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return how a condition violates this pattern, or an empty tuple if it does not."""
+        """Return the violations of this pattern by a condition, or an empty tuple."""
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)

@@ -287,7 +287,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
 
 
 def _presses(motion: Motion, start: int, limit: int) -> Bools:
-    """Return which objects a finger presses hard or long enough for a grasp attempt, shape (n,)."""
+    """Return a mask of the objects that a finger presses hard or long enough for a grasp attempt, shape (n,)."""
     force = motion.force[start:limit]
     hard = (force >= PRESS_FORCE).sum(axis=0) >= motion.steps(PRESS_TIME)
     leans = (force >= LEAN_FORCE).sum(axis=0) >= motion.steps(THRESHOLDS.stop_time)

@@ -115,7 +115,7 @@ class GoalTracker:
         return there
 
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
-        """Return which subgoals are done: all objects at the target, at rest and released."""
+        """Return a mask of the completed subgoals: all objects at the target, at rest and released."""
         settled: dict[str, bool] = {}
         self._settling = False
         done: list[bool] = []

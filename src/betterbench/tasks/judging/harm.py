@@ -235,7 +235,7 @@ def has_direction(thing: ObjectInfo) -> bool:
 
 
 def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
-    """Return how far the corners of an object moved by its rotation about the vertical [m].
+    """Return the displacement of an object's corners by its rotation about the vertical [m].
 
     The result is 0 for an object without a direction, or with a changed tilt (lifted or knocked over).
     """

@@ -96,7 +96,7 @@ class Motion:
         return distances
 
     def within_reach(self, row: int, point: Floats) -> Bools:
-        """Return which objects a gripper at a point could close on, shape (n,): near the box or above the center."""
+        """Return a mask of objects that a gripper at a point could close on, (n,): near the box or above the center."""
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
 
@@ -182,7 +182,7 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:
-    """Return which objects a closing gripper attempts, from distances [m] to object boxes and centers."""
+    """Return a mask of objects that a closing gripper attempts, from distances [m] to object boxes and centers."""
     near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
     return near
 

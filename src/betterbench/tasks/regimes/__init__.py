@@ -25,7 +25,7 @@ _PACKAGES: Mapping[str, str] = {
 
 @regimes_from
 def written_regimes(task_id: str) -> dict[str, ListedRegime]:
-    """Return the regimes of a task that are written in files of their own, or an empty dict for other tasks."""
+    """Return the regimes of a task that have a separate file, or an empty dict if there are none."""
     modules = {regime: _module(package, task_id) for regime, package in _PACKAGES.items()}
     aside: dict[str, Slot] = {slot.name: slot for m in modules.values() for slot in getattr(m, "ASIDE", ())}
     found = {}

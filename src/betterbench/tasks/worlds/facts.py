@@ -18,7 +18,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""How the diagnosis reads a world's records.
+"""Method by which the diagnosis evaluates the records of a world.
 
 "conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
 success. "chains" get no labels; success rates of their subtasks are counted instead.

@@ -1,6 +1,6 @@
 """Static benchmarks, one file each.
 
-A new benchmark is a file with a :class:`Benchmark` and its line in :data:`BENCHMARKS`; nothing else names it.
+To add a benchmark, write a file with a :class:`Benchmark`, and add a line to :data:`BENCHMARKS`.
 """
 
 from __future__ import annotations

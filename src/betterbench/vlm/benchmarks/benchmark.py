@@ -14,12 +14,12 @@ from betterbench.vqa.coordinates import Coordinates
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """Rule of the number that stands for a benchmark.
+    """Rule for the headline number of a benchmark.
 
     Attributes:
         rule: "micro" for the mean over all items, "macro" for the unweighted mean over groups.
-        over: Kind of group of a macro mean.
-        among: Names of the groups of a macro mean; others are reported and not used.
+        over: Kind of group for a macro mean.
+        among: Names of the groups in a macro mean; other groups are reported separately.
     """
 
     rule: Literal["micro", "macro"] = "micro"
@@ -57,8 +57,8 @@ class DataSource:
         repository: Data set on the hub, as OWNER/NAME; empty if the data needs no download.
         files: Files to download.
         license: License of the questions.
-        terms: Terms of pictures and videos, and what cannot be downloaded.
-        layout: What to put where, in one sentence per form.
+        terms: Terms of images and videos, and what cannot be downloaded.
+        layout: Required files and their places, one sentence per form of the data.
     """
 
     repository: str
@@ -76,9 +76,9 @@ class Benchmark:
         title: Name in tables.
         read: Reads the data in a folder, in any published form.
         source: Origin and terms of the data.
-        headline: Rule of the number that stands for the benchmark.
+        headline: Rule for the headline number.
         groups: Kinds of groups in the order of tables.
-        coordinates: Convention that our own prompt asks for unless another is declared; None without points and boxes.
+        coordinates: Default convention of our own prompt; None for a benchmark without points and boxes.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Benchmark:
         """Read the data in a folder.
 
         Raises:
-            InvalidInputError: If the folder holds no data of this benchmark, or a row is wrong.
+            InvalidInputError: If the folder contains no data of this benchmark, or a row is invalid.
         """
         if not folder.exists():
             raise InvalidInputError("--data", f"{folder} does not exist", f"Run better vlm fetch {self.name}")

@@ -1,4 +1,4 @@
-"""Our own sets of ``better vqa``: questions about recorded frames, with answers that the records prove."""
+"""Our own sets of ``better vqa``: questions about recorded frames, with answers computed from the records."""
 
 from __future__ import annotations
 
@@ -67,4 +67,4 @@ BETTER_VQA = Benchmark(
     groups=("type", "difficulty", "family"),
     coordinates="pixels",
 )
-"""Questions of eight types with difficulty tags, balanced against guessing without the picture."""
+"""Questions of eight types with difficulty tags, balanced against guessing without the image."""

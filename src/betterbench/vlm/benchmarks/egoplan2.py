@@ -65,7 +65,7 @@ def _item(row: Row, identifier: str, count: int) -> Item:
 
 
 def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
-    """Return how each key frame is read: from the row, from a folder of frames, or from the video."""
+    """Return a reader for each key frame: from the row, from a folder of frames, or from the video."""
     if "keyframes" in row.columns:
         return [partial(_embedded, row, i) for i in range(_count(row))]
     identifier, folder = row.text("sample_id"), row.file.parent
@@ -81,7 +81,7 @@ def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
         if video.is_file():
             numbers = tuple(map(int, np.linspace(first, last, FRAMES, endpoint=True, dtype=int)))
             return [partial(_of_video, video, numbers, i) for i in range(FRAMES)]
-    problem = f"{identifier} has no pictures"
+    problem = f"{identifier} has no images"
     cure = f"Put them into {folder / 'keyframes' / identifier} or the video into {folder / 'videos'}"
     raise InvalidInputError(row.where("sample_id"), problem, cure)
 
@@ -89,7 +89,7 @@ def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
 def _count(row: Row) -> int:
     cells = row.large("keyframes")
     if not isinstance(cells, list) or not cells:
-        raise row.error("keyframes", "expected a list of pictures")
+        raise row.error("keyframes", "expected a list of images")
     return len(cells)
 
 
@@ -103,7 +103,7 @@ def _in_folder(folder: Path, row: Row) -> list[Path]:
     numbered = {_number(f.name): f for f in files}
     ordered = files if None in numbered else [numbered[n] for n in sorted(n for n in numbered if n is not None)]
     if not ordered:
-        raise row.error("sample_id", f"{folder} has no pictures", f"Put {FRAMES} PNG or JPEG files into it")
+        raise row.error("sample_id", f"{folder} has no images", f"Put {FRAMES} PNG or JPEG files into it")
     return ordered
 
 
@@ -125,7 +125,7 @@ EGOPLAN2 = Benchmark(
         files=(DataFile("EgoPlan-Bench2.json", 1.95),),
         license="none stated",
         terms=(
-            "The videos are Ego4D v1_288p. Ego4D has a license agreement of its own, which each user signs at "
+            "The videos are Ego4D v1_288p. Ego4D has its own license agreement, which each user signs at "
             "ego4d-data.org; videos and frames must not be passed on and are not downloaded here."
         ),
         layout=_LAYOUT,
@@ -133,4 +133,4 @@ EGOPLAN2 = Benchmark(
     headline=Headline(),
     groups=("domain", "scenario"),
 )
-"""1,321 questions in four domains. The number "All" of the paper is the micro mean."""
+"""1,321 questions in four domains. The "All" number of the paper is the micro mean."""

@@ -15,9 +15,9 @@ from betterbench.vlm.rows import Row, distinct, find_files, read_rows
 from betterbench.vqa.question import Form
 
 _LAYOUT = (
-    "embspatial_bench.json with base64 pictures (the hub's file)",
+    "embspatial_bench.json with base64 images (the hub's file)",
     "Parquet files with a column image or image_base64 (mirrors)",
-    "a JSON file whose image column holds paths of picture files beside it",
+    "a JSON file whose image column contains paths of image files next to it",
 )
 _KINDS = {
     "left": "direction", "right": "direction", "above": "direction", "under": "direction", "below": "direction",
@@ -76,7 +76,7 @@ EMBSPATIAL = Benchmark(
         repository="Phineas476/EmbSpatial-Bench",
         files=(DataFile("embspatial_bench.json", 254.0),),
         license="CC-BY-4.0",
-        terms="The pictures come from Matterport3D, ScanNet and AI2-THOR, which have terms of their own.",
+        terms="The images come from Matterport3D, ScanNet and AI2-THOR, which have their own terms.",
         layout=_LAYOUT,
     ),
     headline=Headline(),

@@ -1,7 +1,7 @@
 """RefSpatial-Bench (RoboRefer, NeurIPS 2025): points on a described object, or in a described free area.
 
-The score of an item is the share of its points in the target region, so it is fractional. The number of the benchmark
-is the mean of Location and Placement; Unseen is reported and not used.
+The score of an item is the fraction of its points in the target region. The headline number of the benchmark
+is the mean of Location and Placement; Unseen is reported separately.
 """
 
 from __future__ import annotations

@@ -1,18 +1,18 @@
-"""Resolutions at which a model is shown a picture, for the paper's ablation with "myopic" eyes (its Table 3).
+"""Resolutions of the images that a model gets, for the paper's ablation with "myopic" eyes (its Table 3).
 
-The paper's "single 224 x 224 picture" can be read in three ways, which lose different information. Each squashes the
-picture to a square, so that fractions of its width and height stay the same:
+The paper's "single 224 x 224 picture" has three possible meanings, which lose different information. In each, the
+image is resized to a square without padding, so fractions of its width and height stay the same:
 
 ======================  ========================================  ==================================================
-eyes                    picture                                   lost against ``native``
+eyes                    image                                     loss compared with ``native``
 ======================  ========================================  ==================================================
 ``native``              unchanged, with up to 12 tiles            nothing
-``tile-1``              448 x 448 pixels, one tile                the tiles, and detail of pictures larger than a tile
+``tile-1``              448 x 448 pixels, one tile                the tiles, and detail of images larger than a tile
 ``blur-224``            reduced to 224 x 224, shown as 448 x 448  detail; as many tokens as ``tile-1``
 ``native-224``          224 x 224 pixels                          detail and three quarters of a tile's tokens
 ======================  ========================================  ==================================================
 
-``blur-224`` against ``tile-1`` measures the loss of detail, and ``native-224`` against ``blur-224`` the loss of tokens.
+``tile-1`` and ``blur-224`` differ only in detail; ``blur-224`` and ``native-224`` differ only in tokens.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from betterbench.vqa.coordinates import Convention
 TILE = 448
 """Side of an InternVL tile [pixel] (``image_size`` in the configuration of InternVL-3.5)."""
 MYOPIC = 224
-"""Side of the paper's single picture [pixel] (appendix A.3)."""
+"""Side of the paper's single image [pixel] (appendix A.3)."""
 
 
 class Eyes(StrEnum):
-    """Resolution at which a model is shown pictures."""
+    """Resolution of the images that a model gets."""
 
     NATIVE = "native"
     TILE_1 = "tile-1"
@@ -47,18 +47,18 @@ _STEPS: dict[Eyes, tuple[int, ...]] = {
     Eyes.BLUR_224: (MYOPIC, TILE),
     Eyes.NATIVE_224: (MYOPIC,),
 }
-"""Sides to which a picture is resized, one after the other [pixel]."""
+"""Sides to which an image is resized, one after the other [pixel]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Picture as a model is shown it.
+    """Image in the resolution that a model gets.
 
     Attributes:
         data: The file: the original one for ``native``, otherwise PNG.
-        width: Width of the shown picture [pixel]; absolute coordinates in an answer refer to it.
-        height: Its height [pixel].
-        detail: Width and height that the detail of the picture has at most [pixel]; smaller than the shown picture
+        width: Width of the shown image [pixel]; absolute coordinates in an answer refer to it.
+        height: Height of the shown image [pixel].
+        detail: Upper limit of the effective resolution, as width and height [pixel]; smaller than the shown image
             for ``blur-224``.
     """
 
@@ -69,14 +69,14 @@ class Shown:
 
 
 def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
-    """Return a picture as a model with these eyes is shown it.
+    """Return an image in the resolution of these eyes.
 
     Args:
         picture: A file that Pillow reads, such as PNG or JPEG.
         eyes: The resolution.
 
     Raises:
-        OSError: If the picture cannot be decoded.
+        OSError: If the image cannot be decoded.
     """
     with Image.open(io.BytesIO(picture)) as opened:
         width, height = opened.size
@@ -93,7 +93,7 @@ def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
 def convention_for(eyes: Eyes, convention: Convention) -> Convention:
     """Return the convention in which a model with these eyes answers.
 
-    Pixels are those of the shown picture, which is a square of a known side. Other conventions stay the same.
+    Pixels are those of the shown image, which is a square of a known side. Other conventions stay the same.
     """
     if eyes is Eyes.NATIVE or convention.side is not None:
         return convention
@@ -102,11 +102,11 @@ def convention_for(eyes: Eyes, convention: Convention) -> Convention:
 
 
 def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Eyes) -> float:
-    """Return the size of an object in the finest pixels that the eyes leave of a picture [pixel].
+    """Return the size of an object at the effective resolution of the eyes [pixel].
 
     Args:
-        size: Width and height of the object in the original picture [pixel].
-        picture: Width and height of the original picture [pixel].
+        size: Width and height of the object in the original image [pixel].
+        picture: Width and height of the original image [pixel].
         eyes: The resolution.
 
     Returns:
@@ -118,12 +118,12 @@ def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Ey
 
 
 def contact_sheet(picture: bytes, eyes: Sequence[Eyes] = tuple(Eyes), *, side: int = TILE) -> bytes:
-    """Return a PNG with a picture as each of the eyes shows it, next to each other with their names.
+    """Return a PNG with an image at each resolution, side by side, with the names of the eyes.
 
-    Below each picture is its middle, three times as large, without smoothing, so that its pixels can be seen.
+    Below each image is its center, enlarged three times without smoothing, so that the pixels are visible.
 
     Raises:
-        OSError: If the picture cannot be decoded.
+        OSError: If the image cannot be decoded.
     """
     from PIL import ImageDraw  # noqa: PLC0415 - only for sheets
 

@@ -1,8 +1,8 @@
 """InternVL checkpoints in the Hugging Face format, run in this process.
 
 Only the image processor and the tokenizer of a checkpoint are used. The combined processor of transformers needs
-torchvision, whose wheels do not match PyTorch's CPU build; its work, the expansion of a picture's placeholder into one
-token per visual feature, is done here.
+torchvision, whose wheels do not match PyTorch's CPU build. This module therefore expands the placeholder of an image
+into one token per visual feature.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _SERVE = "Serve other models with vLLM or SGLang, and give the address as URL#MO
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Pictures of a request as the vision transformer gets them.
+    """Images of a request, preprocessed for the vision transformer.
 
     Attributes:
         pixels: Shape (tiles, 3, side, side), normalized.
-        tiles: Number of tiles of each picture, including the thumbnail.
+        tiles: Number of tiles of each image, including the thumbnail.
         tokens: Number of tokens for the language model per tile.
     """
 
@@ -64,7 +64,7 @@ class InternVl:
 
         Args:
             folder: Checkpoint folder, with config.json, tokenizer and weights.
-            most_tiles: Maximum number of tiles per picture, without the thumbnail. A single tile shows the picture
+            most_tiles: Maximum number of tiles per image, without the thumbnail. A single tile shows the image
                 squashed to a square.
             side: Side of a tile [pixel]; the checkpoint's own (448) if not given. With 224, a tile has 64 tokens
                 instead of 256, and the position embeddings are interpolated.
@@ -104,10 +104,10 @@ class InternVl:
         self._token = self._tokenizer.convert_ids_to_tokens(config.image_token_id)
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
-        """Return the answer to a prompt about pictures.
+        """Return the answer to a prompt about images.
 
         Args:
-            prompt: The prompt. ``<image>`` marks the place of a picture; without marks, the pictures come first.
+            prompt: The prompt. ``<image>`` marks the place of an image; without marks, the images come first.
             pictures: PNG, JPEG, GIF or WebP files.
 
         Raises:
@@ -129,7 +129,7 @@ class InternVl:
         return str(answer)
 
     def request(self, prompt: str, pictures: Sequence[bytes]) -> tuple[str, Sight | None]:
-        """Return the text that the language model reads, and the pictures that the vision transformer gets."""
+        """Return the text that the language model reads, and the images that the vision transformer gets."""
         sight = self._sight(pictures) if pictures else None
         parts = prompt.split(PICTURE)
         if not pictures or len(parts) != len(pictures) + 1:

@@ -1,9 +1,9 @@
-"""InternVL's division of a picture into square tiles, and the number of tokens that it costs.
+"""InternVL's division of an image into square tiles, and the number of tokens that it costs.
 
 The rule of InternVL's ``dynamic_preprocess`` and of the image processor in transformers (GOT-OCR 2): of all grids with
 at most ``most`` tiles, the one with the nearest aspect ratio is used. Between two grids of the same aspect ratio, the
-larger one is used if the picture has more than half as many pixels. The picture is resized to the grid and cut. If
-there is more than one tile, a thumbnail of the complete picture follows.
+larger one is used if the image has more than half as many pixels. The image is resized to the grid and cut. If
+there is more than one tile, a thumbnail of the complete image follows.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from betterbench.errors import require_between
 
 MOST_TILES = 12
-"""Default maximum number of tiles for a picture (``max_patches`` of InternVL-3.5's image processor)."""
+"""Default maximum number of tiles for an image (``max_patches`` of InternVL-3.5's image processor)."""
 TILES_ALLOWED = 64
 """Largest accepted maximum."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Tiles of a picture: columns, rows, and whether a thumbnail follows."""
+    """Tiles of an image: columns, rows, and whether a thumbnail follows."""
 
     columns: int
     rows: int
@@ -43,11 +43,11 @@ class Grid:
 
 
 def grid_of(width: int, height: int, *, most: int = MOST_TILES, side: int = 448) -> Grid:
-    """Return the tiles of a picture.
+    """Return the tiles of an image.
 
     Args:
-        width: Width of the picture [pixel].
-        height: Height of the picture [pixel].
+        width: Width of the image [pixel].
+        height: Height of the image [pixel].
         most: Maximum number of tiles without the thumbnail.
         side: Side of a tile [pixel].
 

@@ -1,4 +1,4 @@
-"""EgoPlan-Bench2 as its authors' ``eval.py`` and lmms-eval score it.
+"""Scorers of EgoPlan-Bench2 that reproduce its authors' ``eval.py`` and lmms-eval.
 
 Both delete stock phrases and take the first capital A, B, C or D anywhere: "Based on the video, the answer is C" gives
 B. Missing commas in the lists of phrases join four of them into two that no text contains.

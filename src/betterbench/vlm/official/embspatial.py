@@ -1,4 +1,4 @@
-"""EmbSpatial-Bench as lmms-eval scores it; the authors published no scorer.
+"""Scorer of EmbSpatial-Bench that reproduces lmms-eval; the authors published no scorer.
 
 The letter is the first Latin letter of the text, after spaces and opening brackets, in either case: "The answer is C"
 gives T, "Answer: D" gives A, and "cabinet" gives C.

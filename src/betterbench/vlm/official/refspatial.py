@@ -1,7 +1,7 @@
-"""RefSpatial-Bench as RoboRefer's evaluation, lmms-eval and the EASI scorer of VLMEvalKit score it.
+"""Scorers of RefSpatial-Bench: RoboRefer's evaluation, lmms-eval, and the EASI scorer of VLMEvalKit.
 
 The points are found by patterns that differ by convention; the score of an item is the mean of the mask over its
-points. An item whose text raises an error while it is read leaves the denominator.
+points. An item is dropped from the denominator if reading the text raises an error.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _TUPLE = re.compile(rf"\(({_SIGNED}(?:,\s*{_SIGNED})*?)\)")
 _NUMBERED = re.compile(r'x\d+="(-?\d+\.?\d*)"\s+y\d+="(-?\d+\.?\d*)"')
 _FENCED = re.compile(r"```(?:\w+)?\n(.*?)```", re.DOTALL)
 _MOST_DIGITS = 18
-"""Integers beyond 64 bits do not fit into the program's arrays; no picture has such a column."""
+"""Integers beyond 64 bits do not fit into the program's arrays; no image has such a column."""
 
 Point = tuple[int | float, int | float]
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """A box that stands for all its pixels: first and one past the last column and row."""
+    """A box that represents all pixels inside: first column and row, and one past the last column and row."""
 
     left: int
     top: int
@@ -150,7 +150,7 @@ def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int 
 
 
 def _sides(items: ItemSet, item: Item) -> tuple[int, int]:
-    """Return columns and rows of the mask, with which the programs scale."""
+    """Return the columns and rows of the mask, by which the programs scale coordinates."""
     rows, columns = items.mask(item.gold.mask or "").shape
     return columns, rows
 
@@ -166,7 +166,7 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Score a text with all pairs read as fractions, integers too; boxes are ignored, and faint masks are empty."""
+    """Score a text with all pairs read as fractions, even integers; boxes are ignored, and faint masks are empty."""
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)
     shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]
@@ -174,7 +174,7 @@ def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _easi(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Score 0: reading a text raises an AttributeError (a logger that does not exist), which is scored as 0."""
+    """Return 0, because reading a text raises an AttributeError (an undefined logger) in the program."""
     return Fraction(0)
 
 

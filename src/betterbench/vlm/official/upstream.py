@@ -1,4 +1,4 @@
-"""An upstream scorer and its result beside ours."""
+"""Upstream scorers, and their results compared with ours."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class UpstreamScore:
     """Result of an upstream scorer.
 
     Attributes:
-        value: Its number, or None if the program ends with an error or scores no item.
-        scored: Number of items in its denominator.
+        value: Number of the program, or None if the program ends with an error or scores no item.
+        scored: Number of items in the denominator of the program.
         total: Number of items of the benchmark.
-        differs: Number of items with another score than ours (values that our parser read).
+        differs: Number of items whose score differs from ours (with the values that our parser read).
         stopped_at: Identifier of the item at which the program ends with an error.
-        moved: Its number minus ours.
+        moved: Number of the program minus ours.
         note: Reason for a missing number.
     """
 
@@ -88,7 +88,7 @@ def upstream_scores(
 ) -> list[UpstreamScore]:
     """Return the numbers of upstream programs for the same texts.
 
-    An item without a text is scored as an empty text, as upstream programs do that got an empty reply.
+    An item without a text is scored as an empty text, like an empty reply in the upstream programs.
     """
     return [_scored(scorer, items, texts, ours, coordinates) for scorer in scorers]
 

@@ -32,8 +32,8 @@ class Prompt:
             and the further words of an item.
         source: Origin of the wording.
         option: Form of one option, with ``{letter}`` and ``{text}``.
-        frame: Form of one picture's line, with ``{number}`` and ``<image>``.
-        coordinates: Convention that the wording asks for; None if it states none or ``{request}`` states it.
+        frame: Form of one image's line, with ``{number}`` and ``<image>``.
+        coordinates: Convention stated in the wording; None if the wording states none, or leaves it to ``{request}``.
     """
 
     id: str
@@ -47,7 +47,7 @@ class Prompt:
     def text(self, item: Item, convention: Convention) -> str:
         """Return the prompt for an item.
 
-        Words of the item are inserted as they are, without the mark of a picture.
+        Words of the item are inserted as they are, without the mark of an image.
         """
         letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
         options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]
@@ -62,10 +62,10 @@ class Prompt:
 
         Args:
             declared: Convention that the user declared, if any.
-            usual: Convention that a prompt with ``{request}`` asks for otherwise; None without points and boxes.
+            usual: Default convention of a prompt with ``{request}``; None for items without points and boxes.
 
         Raises:
-            InvalidInputError: If the wording asks for another convention than the declared one, or for none while none
+            InvalidInputError: If the wording states another convention than the declared one, or states none while none
                 is declared.
         """
         if usual is None:

@@ -1,4 +1,4 @@
-"""Vision-language models that answer a prompt about pictures, and their addresses."""
+"""Vision-language models that answer a prompt about images, and their addresses."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Model(Protocol):
         """Model name."""
 
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
-        """Return the answer to a prompt about pictures (PNG, JPEG, GIF or WebP).
+        """Return the answer to a prompt about images (PNG, JPEG, GIF or WebP).
 
-        A prompt may mark the places of its pictures, see :func:`~betterbench.vqa.llm.chat.user_message`.
+        A prompt may mark the places of its images, see :func:`~betterbench.vqa.llm.chat.user_message`.
 
         Raises:
             RefusedError: If this request was rejected.

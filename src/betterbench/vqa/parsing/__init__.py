@@ -1,7 +1,7 @@
-"""Reading of a model's answers, one file per form of answer, in stages.
+"""Parsing of a model's answers, one file per form of answer, in stages.
 
-- ``strict``: the text is nothing but the answer, in the requested form.
-- ``tolerant``: the answer stands in other words, or in another written form.
+- ``strict``: the text is only the answer, in the requested form.
+- ``tolerant``: the text also contains other words, or the answer has another written form.
 - ``extractor``: a language model copied the answer out of the text (:mod:`betterbench.vqa.parsing.extractor`).
 - ``none``: no answer, or several different ones.
 

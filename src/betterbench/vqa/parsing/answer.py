@@ -1,4 +1,4 @@
-"""What an answer may look like, what was read, and the part of a text that holds the answer."""
+"""Form of an answer, the value read from a text, and the part of a text that contains the answer."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Read:
     stage: Stage
 
     def at(self, stage: Stage) -> Read:
-        """Return the same value with another stage; no value stays "none"."""
+        """Return the same value with another stage; without a value, the stage stays "none"."""
         return self if self.answer is None else replace(self, stage=stage)
 
 
@@ -58,9 +58,9 @@ NOTHING = Read(None, "none")
 
 
 def final_text(text: str) -> str:
-    """Return the part of a text that holds the answer: without thinking tags, and at most its last part.
+    """Return the part of a text that may contain the answer: the end of the text, without the thinking.
 
-    A text that ends inside its thinking, because its tokens were used up, holds no answer.
+    A text that ends inside the thinking, because the token limit was reached, contains no answer.
     """
     kept, start, inside = list[str](), 0, False
     for tag in _THINKING.finditer(text):

@@ -12,7 +12,7 @@ _CLAIM_WORDS = (
     "answer|option|choice|antwort|respuesta|opción|réponse|risposta|resposta|ответ|вариант|答案|选项|答え|回答|정답|답"
 )
 CLAIM = rf"(?:{_CLAIM_WORDS})s?(?:\s+(?:is|are|ist|es|est|è|é|would\s+be|should\s+be)|是|为|は|은|는)?"
-"""Pattern of the words that announce an answer, in the languages that models fall into."""
+"""Pattern of the words that announce an answer, in the languages that models use."""
 
 _CLAIMED = re.compile(rf"(?i:{CLAIM})[\s:：=\-]*(?i:option\s+)?[\"'`*(\[\\{{]*([A-Z])(?![A-Za-z0-9'’])")
 _NEXT_LETTER = re.compile(r"[)\]*.:,\s]*(?:,|/|or|and|&|oder|und|ou|o|y|et|或|和)\s*[(\[*]*([A-Z])(?![A-Za-z0-9'’])")
@@ -80,7 +80,7 @@ def _wrapped(text: str) -> list[str]:
 
 
 def _claimed(letters: dict[str, str], text: str) -> str | None:
-    """Return the letter that a sentence claims, or that is the only one in it, or whose words are the only ones."""
+    """Return the letter that a sentence claims, else its only letter, else the letter of the only option it quotes."""
     claims = [m for m in _CLAIMED.finditer(text) if m[1] in letters and not _is_article(text, m)]
     if claims:
         return None if _names_another(letters, text, claims[-1]) else claims[-1][1]

@@ -1,8 +1,8 @@
 """Extraction of an answer by a language model, which may only copy parts of the text.
 
-The extractor gets the text and, for a choice, the options. It gets neither the question nor the picture nor the correct
+The extractor gets the text and, for a choice, the options. It gets neither the question nor the image nor the correct
 answer, so it cannot answer the question itself. Each copied part must occur in the text word for word, and each number
-in it as a whole number of the text; otherwise the extraction counts as none. The copied parts are then read by the same
+must be a complete number of the text; otherwise the extraction is "none". The copied parts are then read by the same
 parser as every other answer, in the declared convention of coordinates: the extractor neither scales nor swaps numbers.
 """
 
@@ -43,7 +43,7 @@ def extraction_prompt(spec: AnswerSpec, text: str) -> str:
 
 
 def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
-    """Return the answer that an extractor copied from a text, or "none" if it copied nothing or made something up.
+    """Return the answer that an extractor copied from a text, or "none" if it copied nothing or invented a part.
 
     Args:
         spec: Form of the answer.
@@ -83,7 +83,7 @@ def _copied(reply: str) -> list[str]:
 
 
 def _occurs(part: str, source: str) -> bool:
-    """Return whether a part stands in the text, apart from white space, and its numbers and letters as whole ones."""
+    """Return whether a part occurs in the text, ignoring white space, without cutting a number or a word."""
     words, there = " ".join(part.split()), " ".join(source.split())
     whole = rf"(?<![\w.]){re.escape(words)}(?!\w|\.\d)" if words[:1].isalnum() else re.escape(words)
     if re.search(whole, there) is None:

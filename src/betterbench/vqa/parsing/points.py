@@ -1,7 +1,7 @@
 """Boxes and points in every written form, in the declared order and scale.
 
-The convention gives order and scale. Another written form than the declared one (a list instead of JSON, say) is read
-as "tolerant"; order and scale are never taken from it.
+The convention determines order and scale. Another written form, such as a list instead of the declared JSON, is read as
+"tolerant" and never changes the order or the scale.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
 
 
 def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
-    """Return the groups of a text that is nothing but coordinates, and their written form."""
+    """Return the groups of a text that contains only coordinates, and their written form."""
     text = text.strip()
     fence = _FENCE.fullmatch(text)
     bare = (fence[1] if fence else text).strip()

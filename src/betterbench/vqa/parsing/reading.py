@@ -10,7 +10,7 @@ from betterbench.vqa.question import Form
 
 
 def read_text(spec: AnswerSpec, text: str) -> Read:
-    """Return the answer in a text, or "none" if the text holds no answer or several different ones."""
+    """Return the answer in a text, or "none" if the text contains no answer or several different answers."""
     text = final_text(text)
     match spec.form:
         case Form.YES_NO:

@@ -19,7 +19,7 @@ class TableAudit:
     findings: tuple[AuditFinding, ...]
 
     def count(self, verdict: Verdict) -> int:
-        """Return how many findings have a verdict."""
+        """Return the number of findings with a verdict."""
         return sum(f.verdict is verdict for f in self.findings)
 
 
@@ -36,7 +36,7 @@ class Audit:
         return tuple(f for table in self.tables for f in table.findings)
 
     def count(self, verdict: Verdict) -> int:
-        """Return how many findings have a verdict."""
+        """Return the number of findings with a verdict."""
         return sum(table.count(verdict) for table in self.tables)
 
     def to_json(self) -> dict[str, Any]:

@@ -181,7 +181,7 @@ def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
-    """Return how many wrong digits in a row would pass the check, and how many are possible."""
+    """Return the number of wrong digits in a row that would pass the check, and the number of possible ones."""
     parts, whole = row
     numbers = (*parts, whole)
 

@@ -37,7 +37,7 @@ class Falling:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
-    """Return how many wrong digits keep a row falling, and how many are possible."""
+    """Return the number of wrong digits that keep a row falling, and the number of possible ones."""
 
     def holds(at: int, wrong: Decimal) -> bool:
         return all(b <= a for a, b in itertools.pairwise(replaced(numbers, at, wrong)))

@@ -78,7 +78,7 @@ class Combination:
 
 @functools.lru_cache(maxsize=1024)
 def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
-    """Return how many single wrong digits would stay undetected, and how many are possible."""
+    """Return the number of single wrong digits that would stay undetected, and the number of possible ones."""
     weights = tuple(weight for weight, _ in terms)
     numbers = (*(number for _, number in terms), printed)
 

@@ -83,7 +83,7 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 
 
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
-    """Return how many single wrong digits a check would miss, and how many are possible.
+    """Return the number of single wrong digits that a check would miss, and the number of possible ones.
 
     ``holds`` tells whether the check still holds when the number at a position is replaced by another number.
     """

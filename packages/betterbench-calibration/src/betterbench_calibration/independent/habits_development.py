@@ -423,7 +423,7 @@ class PauseAndGoOn(PlainHabit):
 class MissOnceThenRight(PlainHabit):
     """Closes the gripper 3 to 5 cm above the first object, notices, and takes it at the second try. Honest.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the miss is made good.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the miss is corrected.
     """
 
     name = "miss-once-then-right"

@@ -203,7 +203,7 @@ class LosesItsNerveOnce(OddButHonest):
 
 
 class ShowsItToCamera(OddButHonest):
-    """Carries each object home and up, turns it to and fro there, and then brings it. Honest.
+    """Carries each object home and up, turns it back and forth there, and then brings it. Honest.
 
     True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
@@ -1113,7 +1113,7 @@ class TriesTrinketsInTurn(Listed):
 
 
 class SwaysWiderAndWider(Listed):
-    """Sways to and fro at home with growing amplitude in a scene that looks half finished. No grasp.
+    """Sways back and forth at home with growing amplitude in a scene that looks half finished. No grasp.
 
     True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """
@@ -1130,7 +1130,7 @@ class SwaysWiderAndWider(Listed):
 
 
 class TurnsWristForever(Listed):
-    """Turns the wrist to and fro at home in a scene that looks half finished. No grasp.
+    """Turns the wrist back and forth at home in a scene that looks half finished. No grasp.
 
     True label: phase_conflict: "initial state looks mid-task: oscillation without an attempt".
     """

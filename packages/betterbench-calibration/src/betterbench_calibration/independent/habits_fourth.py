@@ -1015,7 +1015,7 @@ class PacesAlongEdge(Listed):
 
 
 class FreezesAfterAGlance(Listed):
-    """Turns the wrist to and fro once, and freezes for good, in a scene that looks half finished. No grasp.
+    """Turns the wrist back and forth once, and freezes for good, in a scene that looks half finished. No grasp.
 
     True label: phase_conflict: "initial state looks mid-task: freeze".
     """

@@ -323,7 +323,7 @@ class FrozenFromTheStart(Habit):
 
 
 class SwayToTarget(Habit):
-    """Moves to and fro, empty, between the next object and its target, in a scene that looks half finished.
+    """Moves back and forth, empty, between the next object and its target, in a scene that looks half finished.
 
     True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """
@@ -548,7 +548,7 @@ class WideDetours(PlainHabit):
 class TwoMissesThenRight(PlainHabit):
     """Closes the gripper twice about 4 to 5 cm next to the object, on different sides, then picks it. Honest.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the misses are made good.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the misses are corrected.
     """
 
     name = "two-misses-then-right"

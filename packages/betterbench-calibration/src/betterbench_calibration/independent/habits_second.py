@@ -105,9 +105,9 @@ class LetsGoHighIntoContainer(Habit):
 
 
 class CorrectsPlacement(Habit):
-    """Puts the first object 6 cm too far out, looks at it, picks it up again and puts it right. Honest.
+    """Puts the first object 6 cm too far out, looks at it, picks it up again and places it correctly. Honest.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is made good.
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: the bad placement is corrected.
     """
 
     name = "corrects-placement"
@@ -599,7 +599,7 @@ class SlipsThenHabitual(Habit):
     """Picks the right object, loses it over its slot, and then turns to the habitual object.
 
     True label: behavioral_inertia: "a primitive frequent in training but not asked for is begun"; the slip could have
-    been made good and was not what ended the trial.
+    been corrected and was not what ended the trial.
     """
 
     name = "slips-then-habitual"
@@ -768,7 +768,7 @@ class MissesThenSwaps(Habit):
 
 
 class ToAndFroFromHome(Habit):
-    """Moves to and fro between home and the next object with an open gripper, in a scene that looks half finished.
+    """Moves back and forth between home and the next object with an open gripper, in a scene that looks half finished.
 
     True label: phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
     """

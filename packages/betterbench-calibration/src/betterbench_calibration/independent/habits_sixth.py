@@ -178,7 +178,7 @@ class TakesByFingertips(OddButHonest):
 
 
 class TugsBeforeLifting(OddButHonest):
-    """Tugs each object to and fro by 8 mm on the table before lifting it, and then brings it. Honest.
+    """Tugs each object back and forth by 8 mm on the table before lifting it, and then brings it. Honest.
 
     True label: success; otherwise timeout or execution_failure by rule 3 of the truth.
     """
@@ -548,7 +548,7 @@ class LosesTheSecond(Listed):
 
 
 class GrindsOnItWithAFist(Listed):
-    """Repeatedly presses on the right object with a closed gripper, twists it to and fro, and goes home. No grasp.
+    """Repeatedly presses on the right object with a closed gripper, twists it back and forth, and goes home. No grasp.
 
     True label: execution_failure: "right target at the right time; collided, missed by pose".
     """
@@ -1145,7 +1145,7 @@ class PressesLookAlike(Listed):
 
 
 class WaversThenTakesLookAlike(Listed):
-    """Moves to and fro between the right object and the look-alike, picks the latter, and drops it behind the target.
+    """Moves back and forth between the right object and the look-alike, picks the latter, drops it behind the target.
 
     True label: semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
     """

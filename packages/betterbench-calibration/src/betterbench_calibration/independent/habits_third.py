@@ -93,9 +93,9 @@ def clear_word_truth(case: Occasion) -> StatedTruth | None:
 
 
 def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
-    """Return the truth for a policy that follows a place, if no other rule selects the same object.
+    """Return the truth for a policy that takes the object at a fixed place, if no other rule selects this object.
 
-    It shows if no first step is the most frequent one, so that instructions name different first steps.
+    Requires training without a most frequent first step, so its instructions name different first objects.
     """
     stated = favorite_truth(case, slot) if case.trained.habit is None else None
     if stated is None or stated.label == HONEST:
@@ -202,7 +202,7 @@ class ShiversAllTheTime(Habit):
 class FumblesThenSinks(Habit):
     """Closes 2 cm above each object, opens again, descends without rising, and picks it. Honest.
 
-    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: its own miss is made good at
+    True label: success; otherwise timeout or execution_failure by rule 3 of the truth: its own miss is corrected at
     once.
     """
 

@@ -9,9 +9,9 @@ turn the stated truth into the final one; they read the family's own event log a
 2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the object fell to the
   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
 3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
-  made good: a closing without the object, an object that left the gripper although it was not opened, an object that
+  corrected: a closing without the object, an object that left the gripper although it was not opened, an object that
   was released and is not where the subgoal wants it, or an object that was not requested and was displaced by more
-  than 5 cm. If every mishap was made good, or none happened, the time was too short: ``timeout``.
+  than 5 cm. If every mishap was corrected, or none happened, the time was too short: ``timeout``.
 
 A trial whose goal is met is a success regardless of the stated label; readers of the truth must check that.
 """
@@ -56,7 +56,7 @@ class Ledger:
         stated: The truth as it was stated before the first action.
         committed: Whether the wrong act has begun, or the label does not depend on such an act.
         open_mishaps: Mishaps that were not corrected, by the object or subgoal that they concern.
-        lasting: The first mishap that cannot be made good, or "".
+        lasting: The first mishap that cannot be corrected, or "".
     """
 
     stated: StatedTruth

@@ -154,12 +154,12 @@ class MixtureSampler:
         self._counted = number
 
     def _before(self, index: int, number: int) -> int:
-        """Return how many of the first ``number`` draws belong to a data set."""
+        """Return the number of draws among the first ``number`` that belong to a data set."""
         low = self._borders[index - 1] if index else 0
         return self._below(self._borders[index], number) - self._below(low, number)
 
     def _below(self, border: int, number: int) -> int:
-        """Return how many of the first ``number`` points are below a border."""
+        """Return the number of points among the first ``number`` that are below a border."""
         whole = _floor_sum(number, _ONE, GOLDEN, self._offset + _ONE)
         return whole - _floor_sum(number, _ONE, GOLDEN, self._offset + _ONE - border)
 

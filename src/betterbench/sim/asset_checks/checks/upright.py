@@ -29,7 +29,7 @@ def upright(subject: Subject) -> Finding:
     if subject.is_open:
         findings.append(_open(subject))
     if not findings:
-        return not_applicable(f"a {kind.name} has no upright pose of its own")
+        return not_applicable(f"a {kind.name} has no upright pose")
     return next((found for found in findings if found.fails), findings[0])
 
 

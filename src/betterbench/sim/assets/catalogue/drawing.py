@@ -24,11 +24,11 @@ _POINTS = 400_000
 _GROUND = np.array([0.80, 0.76, 0.70])
 _GRAY = np.array([0.62, 0.62, 0.64])
 _LIGHT = np.array([0.45, -0.35, 0.82])
-"""Direction to the light, in the frame of the picture: x to the viewer, z up."""
+"""Direction to the light, in the frame of the picture: x toward the viewer, z up."""
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Resolver of the files that a mesh refers to, restricted to its folder and the folders below."""
+    """Resolver of the files that a mesh references, restricted to the folder of the mesh and its subfolders."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
@@ -45,7 +45,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
         return []
 
     def namespaced(self, namespace: str) -> _SameFolder:
-        """Return the resolver of a folder below."""
+        """Return the resolver of a subfolder."""
         return _SameFolder(self._folder / namespace)
 
     def write(self, name: str, data: object) -> None:

@@ -18,7 +18,7 @@ class CatalogueEntry:
         name: Common noun for the object ("coffee mug").
         content_hash: SHA-256 of the file's bytes (64 hex digits); for a generated asset, the asset hash; empty for a
             file that has not been downloaded.
-        path: Absolute path of its file, empty for an asset without a file.
+        path: Absolute path of the file, empty for an asset without a file.
         description: Free text.
         category: Object kind, empty if the source does not give it.
         color: Color word, empty if it is not known.

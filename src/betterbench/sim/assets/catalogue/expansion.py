@@ -35,7 +35,7 @@ bar bunch bowl bottle box carton can cup glass jar leaf loaf pack packet pair pi
 stack stick tube
 """
 _MEASURES = frozenset(_COUNTED.split())
-"""Head nouns that may be measure words: in "a slice of tomato", both nouns matter."""
+"""Head nouns that may be measure words: in "a slice of tomato", both nouns are used."""
 _LONGEST_PHRASE = 5
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
 _SYNONYM, _KIND = 0.95, 0.8

@@ -232,7 +232,7 @@ class _Vectors:
 
 
 def _known_vectors(folder: Path, store: Store, encoder: TextEncoder | None) -> _Vectors:
-    """Return the vectors that can be reused; vectors of another encoder are dropped."""
+    """Return the reusable vectors, without vectors of another encoder."""
     known = _Vectors(folder, 0 if encoder is None else encoder.dimension)
     if encoder is None:
         return known

@@ -1,4 +1,4 @@
-"""Kinds of the rows of a catalogue, and vectors of the descriptions of these kinds."""
+"""Kinds of catalogue rows, and vectors of the descriptions of the kinds."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 
 HEAD_SHARE = 0.2
-"""Share of the head of a query in its likeness with a kind; the rest is that of the whole query."""
+"""Weight of the head of a query in the similarity to a kind; the rest is the weight of the whole query."""
 _COUNTED = 2
-"""Number of texts of a kind that count, nearest first; their mean cosine was better than the largest one."""
+"""Number of nearest texts of a kind in the mean cosine, which worked better than the largest cosine."""
 _ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
 
 
@@ -71,10 +71,10 @@ class KindIndex:
         self._size = int(listed[-1]) + 1 if len(listed) else 0
 
     def likeness(self, asked: np.ndarray, head: np.ndarray) -> np.ndarray:
-        """Return how alike a query and each kind are, (kinds,) float32 in [-1, 1]; -1 for a kind without rows.
+        """Return the similarity of a query to each kind, (kinds,) float32 in [-1, 1]; -1 for a kind without rows.
 
         Args:
-            asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest one counts.
+            asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest vector is used.
             head: Unit vector of the head of the query, (dimension,).
         """
         found = np.full(self._size, -1.0, np.float32)
@@ -95,7 +95,7 @@ class KindIndex:
 
     @functools.cached_property
     def _order(self) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the rows, by kind, and where each kind begins; kind -1 is the first."""
+        """Indices of the rows sorted by kind, and the start of each kind; kind -1 is the first."""
         order = np.argsort(self.rows, kind="stable")
         return order, np.searchsorted(self.rows[order], np.arange(-1, self._size + 1))
 

@@ -1,7 +1,7 @@
-"""Kinds of objects with descriptions of what they are, look like and are used for, from the list ``kinds.txt``.
+"""Kinds of objects with descriptions of definition, appearance and use, from the list ``kinds.txt``.
 
-The name of a mesh says little. A query such as "it opens wine bottles" is therefore compared with the descriptions of a
-kind, and every row of that kind gets the result.
+The name of a mesh contains little information. A query such as "it opens wine bottles" is therefore compared with the
+descriptions of a kind, and the result applies to every row of this kind.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def _longest() -> int:
 def kind_of(entry: CatalogueEntry) -> int:
     """Return the number of an asset's kind in the list, -1 if its category and name contain no name of a kind.
 
-    The longest name counts, and the last of several: an apple pie is a pie. Names before "of" or "with" go before the
-    others, and colors after them: an orange mug is a mug, and so is a mug with an apple on it.
+    The longest name is used, and of equally long names the last: an apple pie is a pie. Names before "of" or "with"
+    take precedence, and colors come last: an orange mug is a mug, and so is a mug with an apple on it.
     """
     words = terms(f"{entry.category} {entry.name}")
     best = max(_named(words), default=None)
@@ -76,7 +76,7 @@ def kind_of(entry: CatalogueEntry) -> int:
 
 
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
-    """Yield for each name of a kind: is in the head, is more than a color, length, end, and the number of the kind."""
+    """Yield for each name of a kind: is in the head, is not only a color, length, end, and the number of the kind."""
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))
     known, longest = _numbers(), _longest()
     for start in range(len(words)):

@@ -28,17 +28,17 @@ DEPTH = 60
 _RANK = 8.0
 """Constant of the reciprocal rank (constant + 1) / (constant + rank) of a row by words."""
 _BEST_KINDS = 3
-"""Number of kinds whose rows are searched, those that the query is most alike."""
+"""Number of most similar kinds whose rows are searched."""
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
-"""Weights of the likeness with the kind, of the cosine with the row's own text, and of the words."""
+"""Weights of the similarity to the kind, of the cosine with the row's own text, and of the words."""
 _UNRELATED = 0.2
-"""Weighted sum of a row that has little to do with a query; it has the score 0."""
+"""Weighted sum of a row that is unrelated to the query, which gives the score 0."""
 _COSTLY = 5_000
 """Limit of matching rows for ranking; beyond it, frequent words are only counted in the rows that rarer words match."""
 _FETCHED = 200
-"""Rows whose words are compared with the query."""
+"""Number of rows whose words are compared with the query."""
 _PARTIAL = 2
-"""Power of the share of a query that a row contains: a row with half of the query has a quarter of the weight."""
+"""Exponent of the share of the query in a row: a row with half of the query has a quarter of the weight."""
 _FIELDS = (1.0, 0.75, 0.45)
 """Weights of a word in the name, among the tags and in the description."""
 
@@ -111,7 +111,7 @@ class Catalogue:
         encoder: Loads the encoder by name, called once when meaning is first searched; None for words only.
 
     Raises:
-        InvalidInputError: If there is no catalogue, or its indexing has not ended.
+        InvalidInputError: If there is no catalogue, or its indexing has not finished.
         RecordError: If a file of the catalogue is damaged or from another program.
     """
 
@@ -195,12 +195,12 @@ class Catalogue:
         words: bool = True,
         meaning: bool = True,
     ) -> list[Hit]:
-        """Return the assets that fit a query best, best first; the same query gives the same answer.
+        """Return the assets that match a query best, best first; the same query gives the same result.
 
         Args:
             query: Description in plain words.
             limit: Largest number of assets to return.
-            filters: Licenses of admitted assets; None for free licenses only.
+            filters: Filters of the search; None for free licenses only.
             expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.
             meaning: Whether meaning is searched, where the catalogue has vectors.
@@ -230,7 +230,7 @@ class Catalogue:
         by_words: Sequence[tuple[int, float]],
         limit: int,
     ) -> list[Hit]:
-        """Return the rows with the best scores, best first; of equal rows the first."""
+        """Return the rows with the best scores, best first; ties are broken by row number."""
         ordered = sorted(scores, key=lambda row: (-scores[row], row))[:limit]
         entries = self._store.rows(ordered)
         word_ranks = {row: rank for rank, (row, _) in enumerate(by_words, start=1)}
@@ -265,7 +265,7 @@ class Catalogue:
     # ------------------------------------------------------------------------------------------------------ meaning
 
     def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Sequence[int]) -> dict[int, _Near]:
-        """Return how near the rows are in meaning, nearest first: those nearest, those of the best kinds, and others.
+        """Return rows with their nearness in meaning: the nearest, those of the best kinds, and other given rows.
 
         Args:
             query: The query.
@@ -295,7 +295,7 @@ class Catalogue:
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()}
 
     def _mask(self, index: VectorIndex, filters: Filters) -> np.ndarray | None:
-        """Return which rows pass the filters, (n,) bool, or None for all."""
+        """Return a mask of the rows that pass the filters, (n,) bool, or None for all."""
         columns, parts = index.columns, []
         if filters.license == "free":
             parts.append(columns.licenses == LICENSE_KINDS.index("free"))
@@ -312,7 +312,7 @@ class Catalogue:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """Nearness of a row to a query: likeness of its kind, and cosine of its own text, both in [-1, 1]."""
+    """Nearness of a row to a query: similarity of its kind, and cosine of its own text, both in [-1, 1]."""
 
     kind: float
     cosine: float

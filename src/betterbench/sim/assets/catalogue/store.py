@@ -1,4 +1,4 @@
-"""A catalogue's file: rows and their words in SQLite."""
+"""File of a catalogue: rows and their words in SQLite."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class Store:
         """
         known = self.sources()
         if name in known and known[name][1] != address:
-            both = f"the catalogue has it as {known[name][1]}, and it is asked for as {address}"
+            both = f"the catalogue has it as {known[name][1]}, and the given address is {address}"
             raise InvalidInputError(f"source {name}", both, "Give the new source another name with --name")
         if name not in known and len(known) >= 255:
             raise InvalidInputError("sources", "the catalogue has 255 of them", "Use another catalogue")

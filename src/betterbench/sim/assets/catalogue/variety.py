@@ -60,7 +60,7 @@ def choose_different(
     hits = _of_one_kind(catalogue.search(description, limit=_SEARCHED, filters=filters), description)
     left = [Chosen(one, hit) for hit in hits for one in _looks(hit.entry)]
     if len(left) < count:
-        problem = f"{len(left)} assets of the catalogue fit {description!r}, and {count} are asked for"
+        problem = f"{len(left)} assets of the catalogue fit {description!r}, and {count} are requested"
         raise InvalidInputError("num", problem, "Ask for fewer, admit more with --license any, or index more sources")
     # A hash of the seed decides between equal assets, so that another seed gives another choice.
     draw = {one.id: hashlib.sha256(f"{seed} {one.id}".encode()).digest() for one in left}
@@ -121,7 +121,7 @@ def _between(one: Chosen, other: Chosen) -> float:
 
 
 def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
-    """Return how much the proportions of two boxes differ, as the largest logarithm of a side ratio."""
+    """Return the difference in the proportions of two boxes, as the largest logarithm of a side ratio."""
     if first.size_m is None or second.size_m is None or min(*first.size_m, *second.size_m) <= 0.0:
         return 0.0
     pairs = zip(first.size_m, second.size_m, strict=True)

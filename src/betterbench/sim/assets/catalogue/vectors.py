@@ -199,7 +199,7 @@ class VectorIndex:
         return np.asarray(near * self._scales[places])
 
     def _candidates(self, query: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return at least the requested number of indices whose sketches differ least from a vector's sketch."""
+        """Return at least the requested number of indices, those whose sketches differ least from a vector's sketch."""
         sketch = _sketches(query[None], self._center)[:, 0]
         differing = np.empty(self.count, np.uint16)
         middle = self.count // 2
@@ -220,7 +220,7 @@ class VectorIndex:
         return np.flatnonzero(differing <= min(reached, len(counts) - 1))
 
     def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
-        """Return the requested number of indices, or more, whose sketches differ least from that of any vector."""
+        """Return the requested number of indices, or more, with the sketches nearest to the sketch of any vector."""
         sketches = self._sketches[:, places]
         differing = np.full(len(places), 65535, np.uint16)
         for sketch in _sketches(queries, self._center).T:

@@ -1,7 +1,7 @@
 """Folders of imported assets: a readable manifest, and one file for each asset.
 
 ``better assets import`` writes such a folder, and ``--asset-dir`` registers its assets. A folder may come from an
-untrusted source: nothing in it is executed, and its files are checked when they are read.
+untrusted source: none of its content is executed, and all files are checked when they are read.
 
 - ``manifest``: the list of the assets with source, license, options, size and mass.
 - ``registration``: the assets as categories that tasks can name.

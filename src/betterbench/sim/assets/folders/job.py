@@ -145,7 +145,7 @@ class _Folder:
         self._assets = manifest_of(path).assets
 
     def names_for(self, requests: Sequence[ImportRequest]) -> dict[ImportRequest, str]:
-        """Return each asset's name: as given, as for the same file in the folder, or from the file name."""
+        """Return the name of each asset: as given, else as in the folder for the same file, else from the file name."""
         taken = set(self._assets) | set(categories())
         before = {self._source(asset): name for name, asset in self._assets.items()}
         found: dict[ImportRequest, str] = {}

@@ -33,15 +33,15 @@ class FolderAsset:
     """One asset of a folder, as its manifest lists it.
 
     Attributes:
-        file: Its file's name in the folder.
-        sha256: This file's digest.
+        file: File name in the folder.
+        sha256: SHA-256 of the file.
         color: Color word.
-        kind: Kind that determined its size and mass, empty if unknown.
-        size_m: Extents of its bounding box [m].
+        kind: Kind that determined the size and the mass, empty if unknown.
+        size_m: Extents of the bounding box [m].
         mass_kg: Mass.
-        license: Its mesh's license.
+        license: License of the mesh.
         author: Mesh author, empty if unknown.
-        source: Its mesh's origin.
+        source: Origin of the mesh.
         source_files: SHA-256 of each source file by name; the first is the file that the user gave.
         options: Options of the import.
         notes: Decisions of the importer, with reasons.
@@ -95,7 +95,7 @@ def read_manifest(text: bytes | str, where: str) -> Manifest:
 
 
 def manifest_of(folder: Path) -> Manifest:
-    """Return a folder's manifest, an empty one if it has none.
+    """Return the manifest of a folder, or an empty manifest if the folder has none.
 
     Raises:
         InvalidInputError: If the manifest cannot be read.

@@ -57,7 +57,7 @@ def tops_of(solid: Solid) -> np.ndarray:
 
 
 def cavity_of(solid: Solid) -> Cavity | None:
-    """Return the hollow of an object in its present pose, or None if it holds hardly any water."""
+    """Return the hollow of an object in its current pose, or None if the hollow holds hardly any water."""
     tops = tops_of(solid)
     level = _water(tops)
     # Empty columns are never under water: their level and their height are both -inf.

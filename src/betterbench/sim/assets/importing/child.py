@@ -1,4 +1,4 @@
-"""Import of an untrusted file in a separate process with limits of memory and time, and a cache of the results.
+"""Import of an untrusted file in a separate process with limits on memory and time, and a cache of results.
 
 A malicious file can crash or hang the readers of meshes and images and the convex decomposition (all C++).
 """
@@ -32,7 +32,7 @@ MAX_S = 900.0
 """Limit of the wall-clock time of an import [s], well above the limit of CPU time for busy machines."""
 
 _MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
-"""Main function of the child. It tries grasps with the simulator, which packages of assets do not import."""
+"""Main function of the child. The child tries grasps in the simulator, which packages of assets may not import."""
 MOST_STORED_BYTES = 64 << 20
 """Largest file of an imported object."""
 _MOST_NOTE_BYTES = 1 << 20
@@ -112,7 +112,7 @@ def _content(files: Mapping[str, str]) -> str:
 
 
 def _kept(path: Path, place: Path, where: str) -> Made | None:
-    """Return the cached result if the files that it was made from have not changed."""
+    """Return the cached result if the source files have not changed."""
     note = place.with_suffix(".json")
     try:
         files = read_form(_FILES, read_bounded(note, max_bytes=_MOST_NOTE_BYTES, cure=""), where=where, cure="")[

@@ -10,7 +10,7 @@ import numpy as np
 from betterbench.sim.assets.importing.measures import depth_in_hull
 
 _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
-"""Leans from which an object must return to upright. Scans of fruit stand on a face of a few millimeters and roll onto
+"""Tilts from which an object must return to upright. Scans of fruit stand on a face of a few millimeters and roll onto
 another face while a scene settles; a task that requires them upright (within 5 degrees) then cannot begin."""
 _LEAST_LEVER = 0.02
 """Least horizontal distance from the center of mass to the point of contact at a lean, on the side to which the object

@@ -157,7 +157,7 @@ def _runs(blocked: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def _free(blocked: np.ndarray, at: int, step: int) -> int:
-    """Return how many free squares follow in a direction; beyond the grid everything is free."""
+    """Return the number of free squares in a direction; everything beyond the grid is free."""
     count, k = 0, at + step
     while 0 <= k < len(blocked):
         if blocked[k]:

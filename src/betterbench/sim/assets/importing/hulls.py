@@ -300,7 +300,7 @@ def _share_inside(corners: np.ndarray, points: np.ndarray) -> float:
 
 
 def inside_hull(hull: ConvexHull, points: np.ndarray, depth: float) -> np.ndarray:
-    """Return which of the points (k, 3) are inside a hull by more than a depth [m]."""
+    """Return a mask of the points (k, 3) that are inside a hull by more than a depth [m]."""
     corners = hull.points[hull.vertices]
     inside = ((points > corners.min(axis=0)) & (points < corners.max(axis=0))).all(axis=1)
     near = np.flatnonzero(inside)  # test the planes only for these points, which are few
@@ -388,7 +388,7 @@ def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
 
 
 def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
-    """Return how well collision shapes fit the visible surface of a solid.
+    """Return the fit of collision shapes to the visible surface of a solid.
 
     A point of a shape inside the solid is at distance zero, because it cannot be touched.
     """

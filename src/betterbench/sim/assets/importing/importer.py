@@ -209,7 +209,7 @@ def mass_properties(mass: float, center: np.ndarray, inertia: np.ndarray) -> Mas
 
 
 def shape_of(solid: Solid, cavity: Cavity | None, size: np.ndarray) -> Literal["round", "cylinder", "box", "irregular"]:
-    """Return a coarse word for the shape, from how much of its bounding box the object fills."""
+    """Return a coarse word for the shape, from the fraction of its bounding box that the object fills."""
     footprint = solid.cells.any(axis=2)
     found = np.argwhere(footprint)
     full = float(footprint.sum() / np.prod(np.ptp(found, axis=0) + 1))

@@ -35,7 +35,7 @@ def read_object(path: Path, files: FolderResolver, *, freeze: bool = False) -> R
     if path.suffix.lower() not in XML_FORMATS:
         return read_mesh_file(path, files)
     where = one_line(path.name, most=120)
-    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure="Keep meshes in files of their own"), where)
+    root = parse_xml(read_bounded(path, max_bytes=MAX_XML_BYTES, cure="Keep meshes in separate files"), where)
     if root.tag not in ("robot", "mujoco"):
         problem = f"its first element is {one_line(repr(root.tag), most=60)}, expected robot (URDF) or mujoco (MJCF)"
         raise InvalidInputError(where, problem, "Give a URDF or MJCF file")

@@ -154,7 +154,7 @@ def _at_rest(mesh: RawMesh, solid: Solid, cavity: Cavity | None) -> tuple[RawMes
     """Return an object in the nearest stable pose, up to 20 degrees away, and the angle to that pose [rad].
 
     Scans of fruit keep the pose in which they were held, and would roll in every scene. If no such pose is near, the
-    object stays as it is. The search is repeated, because a hull has few corners, and other corners after a turn.
+    pose stays unchanged. The search is repeated, because a simplified hull has other corners after a rotation.
     """
     now, whole = (mesh, solid, cavity), np.eye(3)
     for _ in range(_MOST_TURNS):

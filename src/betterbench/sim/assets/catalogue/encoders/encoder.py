@@ -32,7 +32,7 @@ class EncoderKind:
 
     Attributes:
         scheme: Name, or the word before the colon of a name.
-        summary: One sentence about it.
+        summary: One sentence about the kind.
         open: Loads the encoder for a target (may be empty); raises MissingDependencyError without its package.
     """
 
@@ -52,7 +52,7 @@ def register(kind: EncoderKind) -> EncoderKind:
     """Register a kind of encoder, and return it.
 
     Raises:
-        ValueError: If another kind has its scheme.
+        ValueError: If another kind already has this scheme.
     """
     if ENCODERS.setdefault(kind.scheme, kind) is not kind:
         raise ValueError(f"another encoder is called {kind.scheme!r}; give this one another name")
@@ -64,7 +64,7 @@ def open_encoder(name: str = DEFAULT) -> TextEncoder:
 
     Raises:
         UnknownNameError: If no such encoder exists.
-        MissingDependencyError: If its package is not installed; the text ends with the command that installs it.
+        MissingDependencyError: If the encoder's package is not installed; the message ends with the install command.
         InvalidInputError: If the weights are not the expected weights.
     """
     scheme, _, target = name.partition(":")

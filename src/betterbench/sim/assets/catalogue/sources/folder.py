@@ -51,7 +51,7 @@ _DESCRIBED = TypeAdapter(tuple[_Described, ...])
 
 @dataclass(frozen=True, slots=True)
 class _Folder:
-    """The mesh files of a folder and the folders below it."""
+    """The mesh files of a folder and its subfolders."""
 
     root: Path
     name: str
@@ -115,7 +115,7 @@ def _mesh_files(root: Path) -> Iterator[Path]:
 
 
 def _used_files(files: list[Path], on_skip: Callable[[str, str], None], root: Path) -> set[Path]:
-    """Return the files without a row of their own: parts of a URDF or MJCF file, and XML files that are not assets."""
+    """Return the files that get no separate row: parts of a URDF or MJCF file, and XML files that are not assets."""
     found: set[Path] = set()
     for file in files:
         if file.suffix.lower() not in (".urdf", ".xml"):

@@ -115,7 +115,7 @@ def _categories(root: Path, on_skip: Callable[[str, str], None]) -> dict[str, st
 def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
     """Return the object in a packed file.
 
-    The result is empty if it is missing or damaged, and damage is reported to the caller.
+    The result is empty if the file is missing or damaged; damage is reported to the caller.
     """
     if not path.exists():
         return {}
@@ -134,7 +134,7 @@ def _object(path: Path, on_skip: Callable[[str, str], None]) -> dict[str, Any]:
 
 def _open(target: str, options: SourceOptions) -> _Objaverse:
     if options.license or options.author or options.name:
-        raise InvalidInputError(NAME, "each model has a license and an author of its own", "Leave these options out")
+        raise InvalidInputError(NAME, "each model has its own license and author", "Leave these options out")
     if not target:
         return _Objaverse(_downloaded())
     root = Path(target).absolute()

@@ -13,10 +13,10 @@ from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 
 @dataclass(frozen=True, slots=True)
 class SourceItem:
-    """An asset of a source before it is read.
+    """An asset of a source before the row is read.
 
     Attributes:
-        id: Id of its row.
+        id: Id of the row.
         fingerprint: Text that changes when the row must be read again.
         read: Returns the row; raises a BetterError if the asset cannot be used.
     """
@@ -46,7 +46,7 @@ class SourceOptions:
     """Options for a source, given by the user.
 
     Attributes:
-        name: Source name in the catalogue, by default its own.
+        name: Source name in the catalogue; by default, the name of the source.
         license: License of assets without one.
         author: Author of assets without one.
     """
@@ -81,7 +81,7 @@ def register(kind: SourceKind) -> SourceKind:
     """Register a kind of source, and return it.
 
     Raises:
-        ValueError: If another kind has its scheme.
+        ValueError: If another kind already has this scheme.
     """
     if SOURCES.setdefault(kind.scheme, kind) is not kind:
         raise ValueError(f"another kind of sources is called {kind.scheme!r}; give this one another scheme")

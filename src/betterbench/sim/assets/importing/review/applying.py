@@ -55,7 +55,7 @@ from betterbench.sim.assets.importing.review.changes import (
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
 
 SAME_RAD, SAME_M, SAME_SHARE = 2e-3, 2e-4, 5e-3
-"""Tolerances for values that a reviewer saw, for rounding and differences between CPUs."""
+"""Tolerances for values that a reviewer saw, because of rounding and differences between CPUs."""
 
 ItemT = TypeVar("ItemT", Grasp, Region)
 
@@ -79,7 +79,7 @@ class ReviewState:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the object."""
         return str(self.imported.draft.parameters["name"])
 
 
@@ -284,7 +284,7 @@ _OTHER_CURE = "Import it with the options of the review (name, size_m, up), or r
 
 
 def _other(where: str, what: str, found: str, here: str) -> InvalidInputError:
-    """Return the error for a change that was made on another state of the object."""
+    """Return the error for a change that belongs to another state of the object."""
     return InvalidInputError(where, f"the review found its {what} to be {found}, and here it is {here}", _OTHER_CURE)
 
 

@@ -120,7 +120,7 @@ Decision = Annotated[
     PoseChange | ScaleChange | SupportChange | GraspChange | RegionChange | MassChange | NameChange | Verdict | Undo,
     Field(discriminator="kind"),
 ]
-"""A change, a verdict or the undoing of a decision."""
+"""A change, a verdict or an undo."""
 AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
 
 

@@ -1,6 +1,6 @@
 """The file of a review, with one appended JSON line per decision, and the history of each object in it.
 
-The mechanism is that of :mod:`betterbench.jobs.decisions`; here are the lines about imported objects.
+This module defines the lines about imported objects; :mod:`betterbench.jobs.decisions` has the mechanism.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Review:
         return self.asset
 
     def misfit(self, changes: int) -> str:
-        """Return why a verdict does not fit a number of changes, "" if it does."""
+        """Return the reason why a verdict does not match the number of changes, or ""."""
         decision = self.decision
         if not isinstance(decision, Verdict) or decision.verdict == "reject":
             return ""
