@@ -11,7 +11,7 @@ import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.cli.verbs.vqa import CoordinateNames
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, require_between
 
 if TYPE_CHECKING:
     from betterbench.jobs import OnCount
@@ -97,6 +97,8 @@ def vlm_command(
     resolution = Eyes(eyes)
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
+    require_between("--max-tokens", max_tokens, 1, 1 << 20)
+    require_between("--max-tiles", 1 if max_tiles is None else max_tiles, 1, 1000)
     if model.startswith(IN_PROCESS):
         at_once = 1
     if chosen is None:
