@@ -59,6 +59,13 @@ HOSTILE = [
     (CHOICE, "It is not the apple.", None, "none"),
     (CHOICE, "The apple is not the nearest object.", None, "none"),
     (CHOICE, "The red mug, not the apple.", "A", "tolerant"),
+    (CHOICE, "I'm not sure. B", "B", "tolerant"),
+    (YES_NO, "That is not true.", "No", "tolerant"),
+    (YES_NO, "Not true.", "No", "tolerant"),
+    (YES_NO, "This isn't false.", "Yes", "tolerant"),
+    (YES_NO, "The answer is not yes.", None, "none"),
+    (NUMBER, "There are not 3 mugs.", None, "none"),
+    (NUMBER, "There are not three but four mugs.", "4", "tolerant"),
     # several answers
     (CHOICE, "A or C", None, "none"),
     (CHOICE, "The answer is A or B.", None, "none"),
