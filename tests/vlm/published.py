@@ -26,6 +26,14 @@ def picture(number, size=(WIDTH, HEIGHT)):
     return buffer.getvalue()
 
 
+def noise(size=(WIDTH, HEIGHT)):
+    """Returns a PNG of random colors, which does not compress."""
+    buffer = io.BytesIO()
+    pixels = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
 def mask(left, top, right, bottom):
     """Returns a PNG with a white rectangle."""
     pixels = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)

@@ -165,3 +165,24 @@ def test_identifiers_that_occur_twice_are_numbered(tmp_path):
     items = find_benchmark("embspatial").load(folder)
     assert [i.id for i in items.items[:3]] == ["q", "q#2", "q#3"]
     assert items.read(items.items[2].pictures[0]) == published.picture(2)
+
+
+@pytest.mark.parametrize("split", ["Location", "Placement"])
+def test_a_split_that_the_score_needs_is_missed(split, tmp_path):
+    folder = published.refspatial_raw(tmp_path / "data")
+    (folder / split).rename(tmp_path / split)
+    with pytest.raises(InvalidInputError, match=f"has no items of the split {split.lower()}"):
+        find_benchmark("refspatial").load(folder)
+
+
+def test_the_split_outside_the_score_may_be_missing(tmp_path):
+    folder = published.refspatial_raw(tmp_path / "data")
+    (folder / "Unseen").rename(tmp_path / "Unseen")
+    assert len(find_benchmark("refspatial").load(folder).items) == 6
+
+
+def test_the_error_about_a_page_in_place_of_a_picture_is_the_same_each_time(tmp_path):
+    folder = published.refspatial_raw(tmp_path / "data")
+    (folder / "Location" / "image" / "0.png").write_bytes(b"<html>")
+    with pytest.raises(InvalidInputError, match=r"column rgb_path: is not a picture\. "):
+        find_benchmark("refspatial").load(folder)

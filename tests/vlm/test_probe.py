@@ -128,6 +128,8 @@ def test_an_order_and_scale_without_a_convention_is_described(write, words):
     assert finding.found is None
     assert words in finding.sentence
     assert "no convention" in finding.sentence
+    with pytest.raises(InvalidInputError, match=r"pixels are declared, but .*no convention.*--no-probe"):
+        finding.require("pixels")
 
 
 def test_where_two_fit_none_is_named():

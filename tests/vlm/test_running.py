@@ -196,6 +196,8 @@ def test_the_command_line_knows_every_convention():
         (["vlm", "embspatial", "--model", "http://h/v1"], "--out: is missing"),
         (["vlm", "embspatial", "--model", "http://h/v1", "--out", "o"], "--model: 'http://h/v1' is not an address"),
         (["vlm", "embspatial", "--model", "http://h/v1#m", "--out", "o"], "better vlm fetch embspatial"),
+        (["vlm", "probe", "--model", "http://h/v1#m", "--max-tokens", "-1"], "--max-tokens: -1 is out of range"),
+        (["vlm", "probe", "--model", "http://h/v1#m", "--max-tiles", "0"], "--max-tiles: 0 is out of range"),
         (["vlm", "embspatial", "x", "--model", "http://h/v1#m"], "got a second word, 'x'"),
         (
             ["vlm", "refspatial", "--model", "http://h/v1#m", "--out", "o", "--prompt", "direct"],
@@ -275,3 +277,22 @@ def test_a_run_killed_at_ten_moments_asks_no_answered_item_again(tmp_path, serve
     result = json.loads((out / "result.json").read_text())
     assert result["headline"]["strict"] == 1.0
     assert set(served) == set(range(66))
+
+
+@pytest.mark.parametrize(
+    ("data", "says"), [(b"<html>", "is not a picture."), ("cut", "is not a picture ("), ("large", "pixels")]
+)
+def test_a_picture_that_cannot_be_shown_is_named(data, says, tmp_path, capsys, serve):
+    folder = published.embspatial_folder(tmp_path / "data")
+    if data == "large":
+        data = published.picture(1, (9000, 9000))
+    elif data == "cut":
+        data = published.noise()[:-3000]
+    (folder / "images" / "0.png").write_bytes(data)
+    server = serve(lambda _: "B")
+    for eyes in ("native", "blur-224"):
+        assert main(words("embspatial", folder, server.url, tmp_path / eyes, "--eyes", eyes)) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert "embspatial, item q0:" in said
+        assert says in said
+        assert "0x" not in said

@@ -84,6 +84,11 @@ def test_the_same_answers_are_no_step(data, tmp_path):
     assert "the same score" in step.sentence
 
 
+def test_an_equal_score_is_said_in_a_sentence(data, tmp_path):
+    runs = [run_of(data, tmp_path / n, 0.5, name=n) for n in ("8B", "2B")]
+    assert "2B has the same score as 8B (" in step_table(runs).steps[0].sentence
+
+
 def test_eyes_are_a_row_of_their_own_and_named_as_the_change(data, tmp_path):
     runs = [
         run_of(data, tmp_path / "native", 0.9),
@@ -167,6 +172,12 @@ def test_better_compare_takes_static_runs(data, tmp_path, capsys):
     assert ": supported." in shown
     assert main(["compare", *map(str, runs), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["steps"][0]["is_supported"]
+    assert main(["compare", str(runs[0]), str(tmp_path / "gone")]) == 2
+    assert "gone: does not exist" in "".join(capsys.readouterr().err.split("\n"))
+    for option in (["--fail-if-worse"], ["--sequential"], ["--allow-mixed"], ["--out", str(tmp_path / "tables")]):
+        assert main(["compare", *map(str, runs), *option]) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"{option[0]}: it does not apply to runs of better vlm" in said
     (tmp_path / "other").mkdir()
     assert main(["compare", str(runs[0]), str(tmp_path / "other")]) != 0
     assert "runs of one kind" in " ".join(capsys.readouterr().err.split())

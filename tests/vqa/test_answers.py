@@ -189,7 +189,7 @@ class Server:
                 outer.asked.append((self.path, self.headers.get("Authorization"), body))
                 status, text = outer.script.pop(0) if len(outer.script) > 1 else outer.script[0]
                 form = {"choices": [{"message": {"content": text}}]} if status == 200 else {"error": {"message": text}}
-                reply = {"garbage": b"<html>", "deep": b"[" * 3000}.get(text) or json.dumps(form).encode()
+                reply = {"garbage": b"<html>", "deep": b"[" * 3000}.get(str(text)) or json.dumps(form).encode()
                 self.send_response(status)
                 self.send_header("Content-Length", str(len(reply)))
                 self.end_headers()
@@ -247,6 +247,26 @@ def test_what_a_server_refuses_is_one_clear_line(serve, status, text, kind, says
     chat = ChatEndpoint(serve((status, text)).url, "tiny", tries=2, sleep=lambda _: None)
     with pytest.raises(kind, match=says):
         chat.complete([])
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ([{"type": "text", "text": "It is "}, {"type": "text", "text": "B"}], "It is B"),
+        ([{"type": "thinking", "thinking": [{"type": "text", "text": "A?"}]}, {"type": "text", "text": "B"}], "B"),
+        (None, ""),
+        ([], ""),
+    ],
+)
+def test_an_answer_in_parts_is_its_text(serve, content, text):
+    assert ChatEndpoint(serve((200, content)).url, "m").complete([user_message("?")]) == text
+
+
+@pytest.mark.parametrize("content", [7, {"text": "B"}, ["B"]])
+def test_an_answer_of_another_type_is_no_empty_answer(serve, content):
+    url = serve((200, content)).url
+    with pytest.raises(ModelError, match=r"has no choices\[0\].message.content"):
+        ChatEndpoint(url, "m").complete([user_message("?")])
 
 
 def test_addresses_that_are_none_and_servers_that_are_gone(serve):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from betterbench.vqa.coordinates import CONVENTIONS, convention
 from betterbench.vqa.parsing import AnswerSpec, final_text, read_text
+from betterbench.vqa.parsing.points import exact_groups, numbers_of
 from betterbench.vqa.question import Form
 
 CHOICE = AnswerSpec(Form.CHOICE, ("red mug", "apple", "the left plate", "cabinet"))
@@ -47,6 +48,24 @@ HOSTILE = [
     (CHOICE, "**B**", "B", "tolerant"),
     (CHOICE, "B. apple", "B", "strict"),
     (CHOICE, "B. red mug", None, "none"),
+    # denials
+    (CHOICE, "The answer is not A.", None, "none"),
+    (CHOICE, "I am sure it isn't B.", None, "none"),
+    (CHOICE, "It is not (A).", None, "none"),
+    (CHOICE, "Option A is incorrect.", None, "none"),
+    (CHOICE, "It is not A. It is B.", "B", "tolerant"),
+    (CHOICE, "The answer cannot be A; it must be D.", "D", "tolerant"),
+    (CHOICE, "The answer is B. Option C is wrong.", "B", "tolerant"),
+    (CHOICE, "It is not the apple.", None, "none"),
+    (CHOICE, "The apple is not the nearest object.", None, "none"),
+    (CHOICE, "The red mug, not the apple.", "A", "tolerant"),
+    (CHOICE, "I'm not sure. B", "B", "tolerant"),
+    (YES_NO, "That is not true.", "No", "tolerant"),
+    (YES_NO, "Not true.", "No", "tolerant"),
+    (YES_NO, "This isn't false.", "Yes", "tolerant"),
+    (YES_NO, "The answer is not yes.", None, "none"),
+    (NUMBER, "There are not 3 mugs.", None, "none"),
+    (NUMBER, "There are not three but four mugs.", "4", "tolerant"),
     # several answers
     (CHOICE, "A or C", None, "none"),
     (CHOICE, "The answer is A or B.", None, "none"),
@@ -93,11 +112,18 @@ HOSTILE = [
     (QWEN, '[{"point_2d": [500, ', None, "none"),
     (MOLMO, '<point x="50" y="25" alt="cup">cup</point>', "[[320, 120]]", "strict"),
     (MOLMO, '<points x1="50" y1="25" x2="10" y2="10" alt="cups">cups</points>', "[[320, 120], [64, 48]]", "strict"),
+    (FRACTIONS, "[(5e-1, 2.5e-01)]", "[[320, 120]]", "strict"),
+    (FRACTIONS, "It is at (5e-1, 2.5E-1).", "[[320, 120]]", "tolerant"),
+    (FRACTIONS, "(5e-1x, 2e-1)", None, "none"),
+    (QWEN, '[{"point_2d": [1e9999999, 250]}]', None, "none"),
+    (QWEN, '[{"point_2d": [500, 1e-9999999]}]', None, "none"),
+    (QWEN, '[{"point_2d": [5e2, 2.5e+2]}]', "[[320, 120]]", "strict"),
     (BOX, "[10, 20, 30, 60]", "[10, 20, 30, 60]", "strict"),
     (BOX, '[{"bbox_2d": [10, 20, 30, 60]}]', "[10, 20, 30, 60]", "tolerant"),
     (BOX, "[1, 2, 3]", None, "none"),
     (FRACTIONS, "[(NaN, Infinity)]", None, "none"),
     (FRACTIONS, "(99999999999999999999, 1e999)", None, "none"),
+    (FRACTIONS, "(1e99, 1e9)", None, "none"),
 ]
 
 
@@ -155,6 +181,14 @@ def test_decimals_are_exact():
     assert read_text(AnswerSpec(Form.POINTS, (), 100, 100, CONVENTIONS["fractions"]), "(0.29, 0.57)").answer == (
         "[[29, 57]]"
     )
+
+
+def test_a_place_far_outside_a_large_picture_keeps_its_numbers():
+    """Pixels that are read as fractions of 1920 columns have seven digits."""
+    spec = AnswerSpec(Form.POINTS, (), 1920, 1080, CONVENTIONS["fractions"])
+    value = read_text(spec, "[(0.5, 0.5), (1500, 900)]").answer
+    assert exact_groups(value) == [[960, 540], [2_880_000, 972_000]]
+    assert numbers_of(value) == [[960, 540], [2_880_000, 972_000]]
 
 
 @settings(max_examples=200, deadline=None)

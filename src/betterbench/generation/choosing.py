@@ -12,11 +12,12 @@ from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 from betterbench.generation.grammar.author import Wanted, grammar_of, theme_words, write_scenarios
 from betterbench.generation.grammar.nouns import capitalized, phrase_of
 from betterbench.generation.grammar.theme import GRAMMARS, Grammar, Kind
-from betterbench.generation.instruction_sense import PLACES, RESULTS, VERBS, instruction_problems
+from betterbench.generation.instruction_sense import PLACES, VERBS, instruction_problems
 from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.generation.scenario_form import LONGEST_INSTRUCTION, plain_text
 from betterbench.generation.sentence_words import (
     NUMBERS,
+    RESULTS,
     STOPS,
     color_before,
     is_plural_form,
@@ -250,7 +251,8 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
         at += max(1, length)
     _require_known(tokens, used, grammar)
     _require_read(sentence, tokens, used, grammar)
-    return tuple(found)
+    on_a_bun = template == "logical_assembly" and (RESULTS - {"tower"}) & set(tokens) and not found
+    return (Wanted("base", tuple(nouns["bun",]), "bun"),) if on_a_bun else tuple(found)
 
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from betterbench.generation.scenario import DescribedObject, Scenario
-from betterbench.generation.sentence_words import color_before, phrase_heads, sentence_tokens, words_of_object
+from betterbench.generation.sentence_words import RESULTS, color_before, phrase_heads, sentence_tokens, words_of_object
 from betterbench.generation.stated_goal import goal_problems, stated_goal
 from betterbench.generation.vocabulary import collective, head_nouns, known_nouns
 from betterbench.sim.assets.catalogue.expansion import COLORS
@@ -43,11 +43,6 @@ shelf coffee tea clutter workstation service seasoning spout tray
 """
 PLACES = frozenset(_PLACES_WORDS.split())
 """Heads of noun phrases that name a place, an occasion or objects in general."""
-_RESULTS_WORDS = """
-sandwich burger cheeseburger hamburger tower taco cake club slider
-"""
-RESULTS = frozenset(_RESULTS_WORDS.split())
-"""Nouns for the result of an assembly."""
 
 Found = tuple[str, str, str]
 

@@ -32,13 +32,19 @@ plain wooden plastic metal paper glass ceramic steel remaining other named same 
 ADJECTIVES = frozenset(_ADJECTIVES_WORDS.split())
 """Adjectives that may end a phrase but are not nouns."""
 
+_RESULTS_WORDS = """
+sandwich burger cheeseburger hamburger tower taco cake club slider
+"""
+RESULTS = frozenset(_RESULTS_WORDS.split())
+"""Nouns for what layers make."""
+
 _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
 """Nouns whose plural may be one object, such as a stack of napkins."""
 
 
 def raw_tokens(text: str) -> list[str]:
     """Return the words of a sentence in small letters, and its punctuation."""
-    return re.findall(r"[^\W_]+|[,.:()%]", text.lower())
+    return re.findall(r"[^\W_]+|[,.:()%]", re.sub(r"n['’]t\b", "nt", text.lower()))
 
 
 def sentence_tokens(text: str) -> list[str]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import dump_json
 from betterbench.vlm.models.eyes import Eyes, shown_picture
-from betterbench.vlm.pictures import mask_of
+from betterbench.vlm.pictures import mask_of, require_whole
 from betterbench.vqa.asking import Request
 from betterbench.vqa.coordinates import Convention
 from betterbench.vqa.parsing import AnswerSpec
@@ -120,7 +120,12 @@ class ItemSet:
         return Request(prompt, partial(self._pictures, item, eyes))
 
     def _pictures(self, item: Item, eyes: Eyes) -> tuple[bytes, ...]:
-        return tuple(shown_picture(self.read(name), eyes).data for name in item.pictures)
+        return tuple(self._shown(item, name, eyes) for name in item.pictures)
+
+    def _shown(self, item: Item, name: str, eyes: Eyes) -> bytes:
+        picture = self.read(name)
+        require_whole(picture, f"{self.benchmark}, item {item.id}")
+        return shown_picture(picture, eyes).data
 
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
         """Return a target region, shape (rows, columns): the pixels with values greater than ``above``."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.jobs.places import require_inside
@@ -21,6 +21,8 @@ from betterbench.json_form import read_bounded
 MOST_BYTES = 64 << 20
 """Largest image that is read [byte]."""
 MOST_PIXELS = 64_000_000
+NOT_A_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
+"""Errors of Pillow about a file that is not an image, is cut off or is too large."""
 _CURE = "Download the data again"
 
 
@@ -31,11 +33,27 @@ def size_of(data: bytes, where: str) -> tuple[int, int]:
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data)) as image:
                 width, height = image.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InvalidInputError(where, f"is not an image ({one_line(error)})", _CURE) from error
+    except NOT_A_PICTURE as error:
+        raise not_a_picture(where, error) from error
     if width * height > MOST_PIXELS:
         raise InvalidInputError(where, f"has {width} × {height} pixels, more than {MOST_PIXELS:,}", _CURE)
     return width, height
+
+
+def not_a_picture(where: str, error: Exception) -> InvalidInputError:
+    """Return the error about a file that Pillow cannot read."""
+    why = "" if isinstance(error, UnidentifiedImageError) else f" ({one_line(error).rstrip('.')})"
+    return InvalidInputError(where, f"is not an image{why}", _CURE)
+
+
+def require_whole(data: bytes, where: str) -> None:
+    """Raise InvalidInputError if a picture is too large or cannot be decoded to its end."""
+    size_of(data, where)
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            image.load()
+    except NOT_A_PICTURE as error:
+        raise not_a_picture(where, error) from error
 
 
 def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
@@ -44,8 +62,8 @@ def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]
     try:
         with Image.open(io.BytesIO(data)) as image:
             values = np.asarray(image)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InvalidInputError(where, f"is not an image ({one_line(error)})", _CURE) from error
+    except NOT_A_PICTURE as error:
+        raise not_a_picture(where, error) from error
     return np.asarray((values if values.ndim == 2 else values[:, :, 0]) > above)
 
 

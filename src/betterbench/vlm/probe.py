@@ -191,11 +191,14 @@ class Finding:
 
     def require(self, declared: Coordinates) -> None:
         """Raise InvalidInputError if the answers show another order or scale than the declared convention."""
+        problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
         if self.found is None:
+            if self.readable >= _FEWEST and len(self.fitting) == 1:
+                cure = "Try another --prompt; --no-probe runs anyway, but most places will count as wrong"
+                raise InvalidInputError("--coordinates", problem, cure)
             return
         there, said = CONVENTIONS[self.found], CONVENTIONS[declared]
         if (there.order, there.side) != (said.order, said.side):
-            problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
             cure = f"Give --coordinates {self.found}, or --no-probe if the declaration is right"
             raise InvalidInputError("--coordinates", problem, cure)
 

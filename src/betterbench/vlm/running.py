@@ -29,6 +29,7 @@ from betterbench.vlm.benchmarks.benchmark import Benchmark
 from betterbench.vlm.items import ItemSet
 from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
 from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
+from betterbench.vlm.pictures import NOT_A_PICTURE
 from betterbench.vlm.probe import TARGETS, probe_model
 from betterbench.vlm.prompts import Prompt
 from betterbench.vlm.scoring import StaticScore, score_answers
@@ -212,7 +213,7 @@ def _show(items: ItemSet, out: Path) -> None:
         return
     try:
         sheet = contact_sheet(items.read(name))
-    except OSError:
+    except NOT_A_PICTURE:
         return  # the request about this picture says what is wrong with it
     write_durably(out / SHOWN_NAME, sheet)
 

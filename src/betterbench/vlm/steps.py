@@ -92,10 +92,12 @@ class Step:
     def sentence(self) -> str:
         """The step in words."""
         points = 100 * (self.difference.value or 0.0)
-        moved = "the same score" if points == 0 else f"{abs(points):.1f} points {'less' if points > 0 else 'more'}"
+        moved = "the same score as"
+        if points != 0:
+            moved = f"{abs(points):.1f} points {'less' if points > 0 else 'more'} than"
         low, high = sorted((-self.difference.low_pp, -self.difference.high_pp))
         verdict = "supported" if self.is_supported else "not supported"
-        text = f"{self.benchmark}: {self.lower} has {moved} than {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
+        text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
         if len(self.changed) > 1:
             text += f" {' and '.join(self.changed)} changed together, so the step does not tell which one explains it."
         return text

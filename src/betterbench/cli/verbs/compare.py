@@ -57,8 +57,14 @@ def compare_command(
     from betterbench.records import RunFolder
     from betterbench.vlm.stored import is_static_run
 
+    for path in runs:
+        if not path.exists():
+            raise InvalidInputError(str(path), "does not exist", "Name the folders of runs, or files of better export")
     static = [path for path in runs if is_static_run(path)]
     if static:
+        given = {"--sequential": sequential, "--allow-mixed": allow_mixed, "--fail-if-worse": fail_if_worse}
+        for option in (*(name for name, is_given in given.items() if is_given), *(["--out"] if out else [])):
+            raise InvalidInputError(option, "it does not apply to runs of better vlm", f"Leave out {option}")
         _static(runs, static, name, alpha=alpha, column=column or "parsed", json=json)
         return
     if column is not None:

@@ -106,7 +106,8 @@ def example_about(scenario: Scenario) -> str:
         case "container_loading":
             return f"Put the {items[0]} into the upper drawer."
         case "logical_assembly":
-            return f"Build a {'burger' if 'patty' in items else 'tower of blocks'} on the {target}."
+            made = "tower of blocks" if any("block" in item for item in items) else "burger"
+            return f"Build a {made} on the {target}."
         case "precision_insertion":
             return f"Put the {items[0]} into the left hole of the {target}."
         case _:

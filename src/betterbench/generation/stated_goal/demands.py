@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from betterbench.generation.sentence_words import COUNTS, NUMBERS, number_before, words_of_object
+from betterbench.generation.sentence_words import COUNTS, NUMBERS, RESULTS, number_before, words_of_object
 from betterbench.generation.stated_goal.reading import Mention, Reader
-from betterbench.generation.stated_goal.relations import AGAIN, CHOICES, COMPARED, NEGATIONS, OPEN, ORDER, POSES, THEN
+from betterbench.generation.stated_goal.relations import (
+    AGAIN,
+    CHOICES,
+    COMPARED,
+    NEGATIONS,
+    OPEN,
+    ORDER,
+    POSES,
+    RELATIONS,
+    THEN,
+)
 from betterbench.generation.vocabulary import COLLECTIVES
 
 _LOADS = frozenset({"in", "into", "inside"})
@@ -32,11 +42,13 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
     for i, word in enumerate(r.tokens):
         if word in COMPARED:
             yield r.raw[i], "objects are distinguished by kind and color"
+        if made := _result(r, i):
+            yield r.raw[i], made
         if i in r.taken:
             continue
         reasons = [reason for words, reason in _NEVER if word in words]
         reasons += [reason for words, reason in _UNLESS_DESCRIBED if word in words and word not in described]
-        reasons += [reason for reason in (_closing(r, i), _number(r, i)) if reason]
+        reasons += [reason for read in (_closing, _number, _returning) if (reason := read(r, i))]
         if (word in THEN or word in ORDER or word == "first") and not _order_is_held(r, i, items):
             reasons.append("the goal has no such order")
         yield from ((r.raw[i], reason) for reason in reasons)
@@ -49,6 +61,24 @@ def _closing(r: Reader, at: int) -> str:
     if r.scenario.template != "container_loading":
         return "nothing is closed there"
     return "" if _LOADS & set(r.tokens) else "a drawer is closed after something was put into it"
+
+
+def _returning(r: Reader, at: int) -> str:
+    """Return a reason if an object goes "back" or "away", and no place of the goal follows."""
+    if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
+        return ""
+    is_last = not r.tokens[at + 1 :] or r.tokens[at + 1] in (",", ".", "and")
+    return "this is not part of the goal" if is_last and any((word,) in RELATIONS for word in r.tokens[:at]) else ""
+
+
+def _result(r: Reader, at: int) -> str:
+    """Return a reason if the layers do not make what a word says, or make one of several."""
+    if r.scenario.template != "logical_assembly" or r.tokens[at] not in RESULTS:
+        return ""
+    if number_before(r.raw, at) or r.raw[at] != r.tokens[at]:
+        return "the layers make one"
+    has_blocks = any("block" in words_of_object(layer) for layer in r.scenario.groups.get("layers", ()))
+    return "layers of the goal are blocks" if has_blocks and r.tokens[at] != "tower" else ""
 
 
 def _number(r: Reader, at: int) -> str:

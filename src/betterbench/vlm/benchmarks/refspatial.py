@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from betterbench.errors import InvalidInputError
 from betterbench.json_form import file_digest
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile, DataSource, Headline, missing
 from betterbench.vlm.items import Gold, Item, ItemSet
@@ -19,6 +20,7 @@ from betterbench.vlm.rows import Row, distinct, find_files, read_rows
 from betterbench.vqa.question import Form
 
 SPLITS = ("location", "placement", "unseen")
+_SCORED = ("location", "placement")
 _LAYOUT = (
     "Parquet files location-*, placement-* and unseen-* (the hub's data/ folder)",
     "folders Location, Placement and Unseen with question.json, image/ and mask/",
@@ -36,6 +38,11 @@ def _read(folder: Path) -> ItemSet:
                 items.append(_item(row, split, distinct(f"{split}/{row.text('id')}", taken), pictures))
     if not items:
         raise missing("refspatial", folder, _LAYOUT)
+    there = {item.groups["split"] for item in items}
+    lacking = [split for split in _SCORED if split not in there]
+    if lacking:
+        problem = f"has no items of the split {' and '.join(lacking)}, and the score is the mean over both"
+        raise InvalidInputError(str(folder), problem, f"Put there {' or '.join(_LAYOUT)}")
     return ItemSet("refspatial", tuple(items), lambda name: pictures[name](), digests)
 
 
@@ -86,7 +93,7 @@ REFSPATIAL = Benchmark(
         terms="About 43 MB in all: 100 items for location, 100 for placement, 77 unseen.",
         layout=_LAYOUT,
     ),
-    headline=Headline("macro", "split", ("location", "placement")),
+    headline=Headline("macro", "split", _SCORED),
     groups=("split", "step"),
     coordinates="fractions",
 )

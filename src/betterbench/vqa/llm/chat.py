@@ -147,12 +147,12 @@ class ChatEndpoint:
 
     def _text(self, reply: bytes) -> str:
         try:
-            text = parse_json(reply)["choices"][0]["message"]["content"]
+            text = _text_of(parse_json(reply)["choices"][0]["message"]["content"])
         except (ValueError, LookupError, TypeError) as error:
             raise ModelError(
                 f"{self._where}: the answer has no choices[0].message.content. Give the address of a chat endpoint."
             ) from error
-        return text if isinstance(text, str) else ""
+        return text
 
     def _refusal(self, status: int, problem: str) -> ModelError:
         if status in (400, 413, 422):
@@ -194,6 +194,15 @@ def user_message(text: str, *images: bytes) -> Message:
     texts = [{"type": "text", "text": part} for part in parts]
     mixed = [item for pair in zip(texts, [*shown, None], strict=True) for item in pair]
     return {"role": "user", "content": [item for item in mixed if item is not None and item.get("text") != ""]}
+
+
+def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
+    """Return the text of an answer, which some servers send in parts; raise TypeError if it is of another type."""
+    if content is None or isinstance(content, str):
+        return content or ""
+    if isinstance(content, list) and all(isinstance(part, dict) for part in content):
+        return "".join(str(part.get("text") or "") for part in content if part.get("type") == "text")
+    raise TypeError
 
 
 def _data_address(image: bytes) -> str:

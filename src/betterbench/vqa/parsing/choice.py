@@ -19,6 +19,16 @@ _NEXT_LETTER = re.compile(r"[)\]*.:,\s]*(?:,|/|or|and|&|oder|und|ou|o|y|et|或|�
 _MARKED = re.compile(r"\(([A-Z])\)|\*\*\(?([A-Z])[).:]?\*\*|(?m:^)\s*\(?([A-Z])[).:](?=\s|$)")
 _ALONE = re.compile(r"(?<![A-Za-z0-9'’])([A-Z])(?![A-Za-z0-9'’])")
 _ARTICLE = re.compile(r"\s+(?!(?:because|since|as|and|or|but|is|which|it|due|for|given|with|if|in)\b)[a-z]")
+_DENIED_BEFORE = re.compile(
+    r"(?:\b(?:not|never|nor|neither|cannot|nicht|non|не)|n['’]t|不是)(?:\s+be)?(?:\s+(?:the|a|an))?"
+    r"(?:\s+(?:answer|option|choice))?[\s\"'`*(\[]*$",
+    re.IGNORECASE,
+)
+_DENIED_AFTER = re.compile(
+    r"[)\]*\"'`]*\s+(?:(?:is|are|was)n['’]t\b|(?:is|are|was|cannot\s+be)\s+(?:not|wrong|incorrect|false)\b)",
+    re.IGNORECASE,
+)
+_LONGEST_DENIAL = 40
 _WRAPPED = (
     re.compile(r"<answer>([^<]{0,2000})</answer>", re.IGNORECASE),
     re.compile(r"\\boxed\{(?:\\text\{)?([^{}]{0,2000})\}"),
@@ -81,7 +91,11 @@ def _wrapped(text: str) -> list[str]:
 
 def _claimed(letters: dict[str, str], text: str) -> str | None:
     """Return the letter that a sentence claims, else its only letter, else the letter of the only option it quotes."""
-    claims = [m for m in _CLAIMED.finditer(text) if m[1] in letters and not _is_article(text, m)]
+    claims = [
+        m
+        for m in _CLAIMED.finditer(text)
+        if m[1] in letters and not _is_article(text, m) and not _is_denied(text, m.start(1), m.end(1))
+    ]
     if claims:
         return None if _names_another(letters, text, claims[-1]) else claims[-1][1]
     begun = re.match(r"\(?([A-Z])\s*[).:]", text)
@@ -90,9 +104,13 @@ def _claimed(letters: dict[str, str], text: str) -> str | None:
     marked = {m for m in _marked(text) if m in letters}
     if len(marked) == 1:
         return marked.pop()
-    alone = {m[1] for m in _ALONE.finditer(text) if m[1] in letters and not _is_article(text, m)}
+    alone = {
+        m[1]
+        for m in _ALONE.finditer(text)
+        if m[1] in letters and not _is_article(text, m) and not _is_denied(text, m.start(1), m.end(1))
+    }
     plain = text.rstrip(".").lower()
-    inside = [k for k, o in letters.items() if re.search(rf"(?<!\w){re.escape(o.lower())}(?!\w)", plain)]
+    inside = [k for k, option in letters.items() if _is_named(option.lower(), plain)]
     longest = [k for k in inside if not any(letters[k] != letters[o] and letters[k] in letters[o] for o in inside)]
     if len(alone) == 1 and (not longest or longest == [*alone]):
         return alone.pop()
@@ -100,7 +118,20 @@ def _claimed(letters: dict[str, str], text: str) -> str | None:
 
 
 def _marked(text: str) -> list[str]:
-    return [a or b or c for a, b, c in _MARKED.findall(text)]
+    found = ((m, m.lastindex or 0) for m in _MARKED.finditer(text))
+    return [m[i] for m, i in found if not _is_denied(text, m.start(i), m.end(i))]
+
+
+def _is_named(option: str, text: str) -> bool:
+    """Return whether a text has the words of an option without denying them."""
+    words = re.finditer(rf"(?<!\w){re.escape(option)}(?!\w)", text)
+    return any(not _is_denied(text, m.start(), m.end()) for m in words)
+
+
+def _is_denied(text: str, start: int, end: int) -> bool:
+    """Return whether a letter or the words of an option are ruled out ("not A", "option A is wrong")."""
+    before = text[max(0, start - _LONGEST_DENIAL) : start]
+    return bool(_DENIED_BEFORE.search(before) or _DENIED_AFTER.match(text[end : end + _LONGEST_DENIAL]))
 
 
 def _is_article(text: str, found: re.Match[str]) -> bool:

@@ -16,8 +16,9 @@ from betterbench.vqa.parsing.answer import NOTHING, AnswerSpec, Read
 from betterbench.vqa.parsing.choice import CLAIM
 from betterbench.vqa.question import Form
 
-_NUMBER = r"-?(?:\d{1,6}(?:\.\d{0,12})?|\.\d{1,12})"
+_NUMBER = r"-?(?:\d{1,6}(?:\.\d{0,12})?|\.\d{1,12})(?:[eE][+-]?\d{1,2})?"
 _NUMBERS = re.compile(rf"(?<![\w.]){_NUMBER}(?![\w])")
+_WRITTEN = re.compile(r"-?\d+(?:\.\d+)?")  # as _shown writes them, of any size
 _GROUP = re.compile(rf"[\[(]\s*({_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}})\s*,?\s*[\])]")
 _TUPLE = rf"[\[(]\s*{_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}}\s*[\])]"
 _LIST = re.compile(rf"\[\s*{_TUPLE}(?:\s*,\s*{_TUPLE})*\s*,?\s*\]")
@@ -25,10 +26,12 @@ _BARE = re.compile(rf"{_NUMBER}(?:\s*,\s*{_NUMBER}){{1,3}}")
 _TAG = re.compile(r"<points?\b([^<>]{0,4000})>", re.IGNORECASE)
 _WHOLE_TAGS = re.compile(r"<points?\b[^<>]*>[^<>]*</points?>|<points?\b[^<>]*/?>", re.IGNORECASE)
 _ATTRIBUTE = re.compile(rf"\b([xy])(\d{{0,3}})\s*=\s*[\"']?\s*({_NUMBER})\s*[\"']?", re.IGNORECASE)
+_EXPONENT = re.compile(r"[+-]?0{0,9}\d{0,2}")
 _FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
 _KEYS = ("point_2d", "point", "points", "coordinates", "coordinate", "bbox_2d", "box_2d", "bbox", "box", "points_2d")
 _CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
 _CLAIMS_TRIED = 3
+_MOST = 10**6
 MOST_POINTS = 10_000
 """Maximum number of points that are read from one text."""
 
@@ -51,12 +54,12 @@ def read_points(spec: AnswerSpec, text: str) -> Read:
 
 def numbers_of(answer: str) -> list[list[float]]:
     """Return the numbers of each box or point of a :class:`Read` value."""
-    return [[float(v) for v in _NUMBERS.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
+    return [[float(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
 def exact_groups(answer: str) -> list[list[Fraction]]:
     """Return the numbers of each box or point of a :class:`Read` value, exactly as written there."""
-    return [[Fraction(v) for v in _NUMBERS.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
+    return [[Fraction(v) for v in _WRITTEN.findall(part)] for part in re.findall(r"\[([^\[\]]*)\]", answer)]
 
 
 def _shown(values: Sequence[Fraction]) -> str:
@@ -67,7 +70,7 @@ def _shown(values: Sequence[Fraction]) -> str:
 def _fitting(spec: AnswerSpec, groups: Sequence[Numbers]) -> list[Numbers]:
     """Return the groups whose length fits the form: pairs, or four edges; points may be given as boxes of pixels."""
     lengths = {Form.BOX: (4,), Form.POINT: (2,)}.get(spec.form, (2, 4))
-    return [g for g in groups if len(g) in lengths]
+    return [g for g in groups if len(g) in lengths and all(abs(v) < _MOST for v in g)]
 
 
 def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
@@ -144,12 +147,20 @@ def _of_json(text: str) -> list[Numbers]:
     if "{" not in text:
         return []
     try:
-        form = parse_json(text, number=Fraction)
+        form = parse_json(text, number=_exactly)
     except (ValueError, ZeroDivisionError):
         return []
     found: list[Numbers] = []
     _collect(form, found)
     return found
+
+
+def _exactly(text: str) -> Fraction:
+    """Return a number of JSON; raise ValueError if its exponent has more than two digits, which takes hours."""
+    if not _EXPONENT.fullmatch(text.lower().partition("e")[2]):
+        msg = f"{text[:20]} is out of range"
+        raise ValueError(msg)
+    return Fraction(text)
 
 
 def _collect(form: Any, found: list[Numbers]) -> None:  # noqa: ANN401 - any JSON
@@ -183,4 +194,4 @@ def _groups_in(value: Any) -> list[Numbers]:  # noqa: ANN401 - any JSON
 
 
 def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON
-    return isinstance(value, Fraction) and abs(value) < 10**6
+    return isinstance(value, Fraction) and abs(value) < _MOST

@@ -15,16 +15,22 @@ _NUMBER_WORDS = [
     *("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"),
     *("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen", "nineteen", "twenty"),
 ]
+_NOT = r"(?:\bnot|n['’]t)\s+(?:be\s+)?"
+_DENIED_NUMBER = re.compile(rf"{_NOT}(?:\d+|{'|'.join(_NUMBER_WORDS)})\b")
 _UNKNOWING = re.compile(r"no idea|no way to (?:know|tell)|no answer|not sure|cannot (?:tell|determine|say)|can't tell")
 
 
 def read_yes_no(text: str) -> Read:
     """Return "Yes" or "No"."""
-    lower = text.lower()
+    lower = re.sub(rf"{_NOT}(?:yes|no)\b", " ", text.lower())
+    for said, meant in (("true", " no "), ("false", " yes ")):
+        lower = re.sub(rf"{_NOT}{said}\b", meant, lower)
     words = re.findall(r"[^\W\d_]+", lower)
+    if not words:
+        return NOTHING
     polarities = [name for word in words for name, spellings in _SPELLINGS.items() if word in spellings]
     if len(words) == 1 and len(polarities) == 1:
-        return Read(polarities[0], "strict")
+        return Read(polarities[0], "strict" if lower == text.lower() else "tolerant")
     if _UNKNOWING.search(lower):
         return NOTHING
     claimed = re.findall(rf"{CLAIM}[\s:：\"'*`]*([^\W\d_]+)", lower)
@@ -42,7 +48,7 @@ def read_number(text: str) -> Read:
     """Return a count as digits."""
     if re.fullmatch(r"\d{1,4}\.?", text):
         return Read(str(int(text.rstrip("."))), "strict")
-    lower = text.lower()
+    lower = _DENIED_NUMBER.sub(" ", text.lower())
     if re.search(r"-\d|\d[.,]\d", lower):
         return NOTHING  # no count is negative or has decimals
     for part in (*reversed(re.findall(rf"(?:{CLAIM}|total|count is)[\s:：*]*(\w+)", lower)), lower):
