@@ -20,6 +20,7 @@ def no_simulator(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     runs: list[str] = []
     monkeypatch.setattr(attempts_module, "prove", proven(failing("L1"), runs))
+    monkeypatch.setattr(attempts_module, "badly_framed", lambda *_, **__: ())
     monkeypatch.setattr(build, "draw_cards", lambda *_, **__: {})
     return runs
 

@@ -184,5 +184,5 @@ def test_the_split_outside_the_score_may_be_missing(tmp_path):
 def test_the_error_about_a_page_in_place_of_a_picture_is_the_same_each_time(tmp_path):
     folder = published.refspatial_raw(tmp_path / "data")
     (folder / "Location" / "image" / "0.png").write_bytes(b"<html>")
-    with pytest.raises(InvalidInputError, match=r"column rgb_path: is not a picture\. "):
+    with pytest.raises(InvalidInputError, match=r"column rgb_path: is not an image\. "):
         find_benchmark("refspatial").load(folder)

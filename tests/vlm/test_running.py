@@ -280,7 +280,7 @@ def test_a_run_killed_at_ten_moments_asks_no_answered_item_again(tmp_path, serve
 
 
 @pytest.mark.parametrize(
-    ("data", "says"), [(b"<html>", "is not a picture."), ("cut", "is not a picture ("), ("large", "pixels")]
+    ("data", "says"), [(b"<html>", "is not an image."), ("cut", "is not an image ("), ("large", "pixels")]
 )
 def test_a_picture_that_cannot_be_shown_is_named(data, says, tmp_path, capsys, serve):
     folder = published.embspatial_folder(tmp_path / "data")

@@ -30,6 +30,8 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "max_attempts": (1, 100_000),
     "max_faces": (0, 2**31 - 1),
     "max_size": (0.0, 1e6),
+    "max_tiles": (1, 1000),
+    "max_tokens": (1, 1 << 20),
     "min_size": (0.0, 1e6),
     "noise": (0.0, 0.5),
     "num": (1, 10_000),

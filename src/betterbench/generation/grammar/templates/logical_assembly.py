@@ -4,7 +4,6 @@ from betterbench.generation.grammar.theme import Grammar, Group, Pool, Theme, on
 from betterbench.tasks.authoring.templates import LOGICAL_ASSEMBLY
 
 _BURGER = Group(tuple(Pool((layer,)) for layer in ("patty", "cheese_slice", "lettuce_leaf", "bun_top")))
-_OPEN_BURGER = Group(tuple(Pool((layer,)) for layer in ("patty", "cheese_slice", "lettuce_leaf")))
 _CYLINDERS = Group((Pool(("round_block",), 4, by_color=True),))
 
 GRAMMAR = register(
@@ -25,13 +24,7 @@ GRAMMAR = register(
                 ("Stack the round blocks on the {base}.", "Build a tower of round blocks on the {base}."),
                 {"base": one("place_plate"), "layers": _CYLINDERS},
             ),
-            Theme(
-                "Making an open burger",
-                "diner kitchen",
-                ("Build a burger on the {base}.", "Assemble a burger on the {base}."),
-                {"base": one("bun_bottom"), "layers": _OPEN_BURGER},
-            ),
         ),
     )
 )
-"""Scenarios of logical assembly: a base and three or four layers."""
+"""Scenarios of logical assembly: a base and four layers."""
