@@ -24,6 +24,12 @@ GRAMMAR = register(
                 ("Stack the round blocks on the {base}.", "Build a tower of round blocks on the {base}."),
                 {"base": one("place_plate"), "layers": _CYLINDERS},
             ),
+            Theme(
+                "Building a block tower",
+                "playroom",
+                ("Build a tower of round blocks on the {base}.", "Stack the round toy blocks on the {base}."),
+                {"base": one("place_plate"), "layers": _CYLINDERS},
+            ),
         ),
     )
 )
