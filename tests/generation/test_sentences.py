@@ -73,7 +73,7 @@ ACCEPTED = [
     ("Make a burger", INSTRUCTION, {"patty": "1", "top bun": "3"}),
     ("Make a sandwich for lunch", INSTRUCTION, {"patty": "1", "top bun": "3"}),
     ("Stack the patty, then the cheese on the bottom bun", REWORDED, {"patty": "1", "cheese slice": "2"}),
-    ("Build a tower of three blocks on the plate", INSTRUCTION, {"brown round block": "1"}),
+    ("Build a tower of three blocks on the plate", INSTRUCTION, {"red round block": "1"}),
     # holes
     ("Put the salt jar into the left hole of the rack", INSTRUCTION, {"salt jar": "hole_1"}),
     ("Put the salt into the right hole and the pepper into the left hole of the rack", INSTRUCTION,
