@@ -15,7 +15,7 @@ from betterbench.certification.demonstrations import (
     planned_demonstrations,
     summed_up,
 )
-from betterbench.certification.examine import _at_rest
+from betterbench.certification.examine import examine_rest
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.geometry import Pose, yaw_of
@@ -254,7 +254,7 @@ def test_what_is_preplaced_stands_as_a_demonstration_left_it_at_rest_with_every_
             off = min(math.dist((1000.0 * x, 1000.0 * y, yaw), pose) for pose in left)
             assert off < 1.0, "0.3 mm or degrees of contact depth and of settling"
             poses.add((thing, round(x, 4), round(y, 4), round(yaw, 1)))
-        found = _at_rest(scene)
+        found = examine_rest(scene)
         assert found.clause.passed, f"seed {seed}: {found.clause.text}"
     assert len(poses) >= 5
 
