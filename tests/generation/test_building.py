@@ -153,16 +153,42 @@ def test_a_variation_that_is_not_in_view_is_left_out(build, in_view: set[str], t
     assert "left out: L1, seed 0, clause (view), the front camera shows every object of the instruction" in page
 
 
+def test_training_with_placed_objects_is_drawn_after_the_demonstrations(build, in_view: set[str], monkeypatch) -> None:
+    """A plate that starts on another one stands as a demonstration left it."""
+    shown: list[list[bool]] = []
+    checked = attempts_module.badly_framed
+
+    def badly_framed(task: Task, conditions: tuple[Condition, ...], *, seeds: int) -> tuple[Failure, ...]:
+        shown.append([bool(c.preplaced) for c in conditions])
+        return checked(task, conditions, seeds=seeds)
+
+    monkeypatch.setattr(attempts_module, "badly_framed", badly_framed)
+    built, _ = build([STACKING], failing())
+    assert built.results[0].certified
+    before, after = shown
+    assert not any(before)
+    training = built.results[0].task["training"]
+    placed = [f"train{n}" for n, c in enumerate(training, start=1) if c["preplaced"]]
+    assert placed
+    assert sum(after) >= len(placed)
+
+    in_view.add(placed[0])
+    built, runs = build([STACKING], failing(), out="unseen")
+    assert not built.results[0].certified
+    assert runs
+    assert built.results[0].attempts[0].reason == "a training condition is not in view"
+
+
 @pytest.mark.render
 def test_what_the_camera_shows_too_small_or_not_at_all_is_named() -> None:
-    """In turn: condition 0 at seed 0, condition 1 at seed 1, condition 2 at seed 0."""
+    """Every seed is drawn."""
     task = get_task("fruit_lunch")
     assert viewing.badly_framed(task, task.training, seeds=2) == ()
     slot = task.training[0].layout["apple"]
     moved = tuple(dataclasses.replace(s, x=0.45, y=-0.95) if s.name == slot else s for s in task.slots)
     conditions = (task.training[0], task.training[1], task.training[0])
     found = viewing.badly_framed(dataclasses.replace(task, slots=moved), conditions, seeds=2)
-    assert [f.seeds for f in found] == [(0,), (1,), (0,)]
+    assert [f.seeds for f in found] == [(0, 1), (0, 1), (0, 1)]
     assert all(f.clause == viewing.CLAUSE for f in found)
     assert "0% of apple is visible, and 60% are needed" in found[0].text
     assert "mm from the edge of the image, and 8 are needed" in found[0].text

@@ -7,6 +7,7 @@ demonstrations, then with other slots, then with other assets.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import BetterError, one_line
@@ -26,6 +27,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.demonstrated import measured_so_far
 from betterbench.tasks.interventions import vary
 
+_UNSEEN = "a training condition is not in view"
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
 """Smallest numbers of variations of a task, and of axes among them."""
 
@@ -118,23 +120,23 @@ def build_task(
                 continue
             with provisional(task) as known:
                 task_to_json(known)  # a task that cannot be written is refused before the long examination
-                unseen = badly_framed(known, known.training, seeds=settings.seeds)
+                bare = [c for c in known.training if not c.preplaced]  # the others start as demonstrations end
+                unseen = badly_framed(known, bare, seeds=settings.seeds)
                 if unseen:
-                    attempts.append(Attempt(change.words, "a training condition is not in view", unseen))
+                    attempts.append(Attempt(change.words, _UNSEEN, unseen))
                     continue
                 number = max(settings.demonstrations, len(known.training)) * change.demonstrations
                 proof = prove(known, settings.seeds, number)
                 proven = without(known, [f.condition for f in proof.failures])
                 with measured_so_far(known.id, proof.demonstrated):
-                    varied = [vary(known, v)[0] for v in proven.variations]
-                    unseen = badly_framed(known, varied, seeds=settings.seeds)
+                    others = [c for c in known.training if c.preplaced] + [vary(known, v)[0] for v in proven.variations]
+                    unseen = badly_framed(known, others, seeds=settings.seeds)
         except BetterError as error:
             attempts.append(Attempt(change.words, one_line(str(error), most=600)))
             continue
         failures = (*proof.failures, *unseen)
         reduced = without(known, [f.condition for f in failures])
-        trained = all(f.condition not in {c.name for c in known.training} for f in failures)
-        lacking = _lacking(reduced) if trained else "a training condition is not certified"
+        lacking = _untrained(known, proof.failures, unseen) or _lacking(reduced)
         if failures and lacking:
             attempts.append(Attempt(change.words, lacking, failures))
             continue
@@ -154,6 +156,14 @@ def _problem_of(scenario: Scenario) -> str:
         return one_line(str(error), most=600)
     asked = goal_problems(scenario, TEMPLATES[scenario.template])
     return next((one_line(f"instruction: {problem}. {cure}.", most=600) for problem, cure in asked), "")
+
+
+def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure]) -> str:
+    """Return why the training conditions of a task cannot be used, or an empty string."""
+    training = {c.name for c in task.training}
+    if any(f.condition in training for f in failures):
+        return "a training condition is not certified"
+    return _UNSEEN if any(f.condition in training for f in unseen) else ""
 
 
 def _lacking(task: Task) -> str:

@@ -19,17 +19,20 @@ MEANING = "the front camera shows every object of the instruction"
 def badly_framed(task: Task, conditions: Sequence[Condition], *, seeds: int) -> tuple[Failure, ...]:
     """Return the conditions whose start the front camera shows worse than the limits allow.
 
-    One trial of each condition is drawn; the conditions take the seeds below ``seeds`` in turn.
-
     Args:
         task: The task, registered.
         conditions: Its conditions.
-        seeds: Number of seeds.
+        seeds: Number of trials of each condition, with seeds from 0.
     """
     found = []
-    for number, condition in enumerate(conditions):
-        seed = number % seeds
-        faults = framing_faults(Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"]))
-        if faults:
-            found.append(Failure(condition.name, (seed,), CLAUSE, MEANING, "; ".join(faults)))
+    for condition in conditions:
+        faults = {seed: _faults(task, condition, seed) for seed in range(seeds)}
+        bad = tuple(seed for seed, text in faults.items() if text)
+        if bad:
+            found.append(Failure(condition.name, bad, CLAUSE, MEANING, faults[bad[0]]))
     return tuple(found)
+
+
+def _faults(task: Task, condition: Condition, seed: int) -> str:
+    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"])
+    return "; ".join(framing_faults(scene))

@@ -74,7 +74,10 @@ GRAMMAR = register(
                 "Setting out drinks",
                 "patio table",
                 ("Set the table around the {anchor} for the guests.", "Arrange the table around the {anchor}."),
-                {"anchor": _PLATE, "items": several(3, "cup", "mug", "tumbler", "drink_cup", "can")},
+                {
+                    "anchor": _PLATE,
+                    "items": Group((Pool(("cup", "mug", "tumbler", "drink_cup", "can"), 3),), colors_differ=True),
+                },
             ),
         ),
     )
