@@ -29,6 +29,12 @@ COLUMNS = ("strict", "parsed", "extracted")
 _LEVELS = {"easy": 1, "medium": 2, "hard": 3}
 
 
+def score_in_column(score: Fraction, stage: Stage, column: str) -> Fraction:
+    """Return the score of a value in a column of :data:`COLUMNS`: 0 if the column excludes the value's stage."""
+    counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
+    return score if counted is None or stage in counted else Fraction(0)
+
+
 @dataclass(frozen=True, slots=True)
 class ItemScore:
     """Score of one item.
@@ -50,8 +56,7 @@ class ItemScore:
 
     def score_in(self, column: str) -> Fraction:
         """Return the score in a column of :data:`COLUMNS`."""
-        counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
-        return self.score if counted is None or self.stage in counted else Fraction(0)
+        return score_in_column(self.score, self.stage, column)
 
 
 @dataclass(frozen=True, slots=True)

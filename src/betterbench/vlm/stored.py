@@ -14,7 +14,7 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import open_form, open_seal, open_sealed_lines, read_bounded, read_form
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
 from betterbench.vlm.running import ITEMS_NAME, KIND, RESULT_NAME, RUN_NAME
-from betterbench.vlm.scoring import COLUMNS
+from betterbench.vlm.scoring import COLUMNS, score_in_column
 from betterbench.vqa.parsing import Stage
 
 _MAX_BYTES = 1 << 28
@@ -41,8 +41,7 @@ class StoredItem:
 
     def score_in(self, column: str) -> Fraction:
         """Return the score in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""
-        counted = {"strict": ("strict",), "parsed": ("strict", "tolerant")}.get(column)
-        return Fraction(self.score) if counted is None or self.stage in counted else Fraction(0)
+        return score_in_column(Fraction(self.score), self.stage, column)
 
 
 @dataclass(frozen=True, slots=True)
