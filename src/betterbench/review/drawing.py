@@ -130,18 +130,42 @@ def _facts(desk: ReviewDesk) -> list[tuple[str, str]]:
 
 def foot(desk: ReviewDesk) -> str:
     """Return the lower part of the panel: the edit in progress, the last message, and the active decisions."""
-    color = "#eb3b5a" if desk.is_problem else "#20bf6b"
-    edit = "" if desk.edit is None else f"{said(desk.edit)} — Enter keeps it, Escape drops it"
-    decisions = "".join(
-        f'<div style="opacity:.75">{_sign(r.decision)} {markup_text(_said(r.decision))} '
-        f'<span style="opacity:.6">· {markup_text(r.author)}</span></div>'
-        for _, r in desk.history.reviews[-6:]
+    edit = None if desk.edit is None else said(desk.edit)
+    decisions = [(_sign(r.decision), _said(r.decision), r.author) for _, r in desk.history.reviews[-6:]]
+    return panel_foot(_at_hand(desk), edit, desk.message, decisions, is_problem=desk.is_problem)
+
+
+def panel_foot(
+    target: str,
+    edit: str | None,
+    message: str,
+    decisions: Sequence[tuple[str, str, str]],
+    *,
+    is_problem: bool,
+    between: str = "",
+) -> str:
+    """Return the lower part of a review's panel as HTML.
+
+    Args:
+        target: Target of the gizmo, as HTML.
+        edit: The edit in progress, or None.
+        message: The last message.
+        decisions: Sign, text and author of the last decisions.
+        is_problem: Whether the message is about a problem.
+        between: HTML between the message and the decisions.
+    """
+    color = "#eb3b5a" if is_problem else "#20bf6b"
+    pending = "" if edit is None else f"{edit} — Enter keeps it, Escape drops it"
+    lines = "".join(
+        f'<div style="opacity:.75">{sign} {markup_text(text)} '
+        f'<span style="opacity:.6">· {markup_text(author)}</span></div>'
+        for sign, text, author in decisions
     )
     return (
         f'<div style="padding:4px 10px;font-size:13px;line-height:1.45">'
-        f"<div><b>Gizmo: {_at_hand(desk)}</b></div>"
-        f'<div style="color:#f7b731;min-height:19px">{markup_text(edit)}</div>'
-        f'<div style="color:{color};min-height:19px">{markup_text(desk.message)}</div>{decisions}</div>'
+        f"<div><b>Gizmo: {target}</b></div>"
+        f'<div style="color:#f7b731;min-height:19px">{markup_text(pending)}</div>'
+        f'<div style="color:{color};min-height:19px">{markup_text(message)}</div>{between}{lines}</div>'
     )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from betterbench.certification.certificate import CLAUSES
 from betterbench.jobs.decisions import Verdict
 from betterbench.quoting import markup_text
-from betterbench.review.drawing import COLORS, SIGNS
+from betterbench.review.drawing import COLORS, SIGNS, panel_foot
 from betterbench.review.scenes.changes import FrameChange, SlotChange, said
 from betterbench.review.scenes.desk import SceneDesk
 from betterbench.review.scenes.queue import QueuedScene
@@ -55,19 +55,11 @@ def head(desk: SceneDesk, judged: int) -> str:
 
 def foot(desk: SceneDesk) -> str:
     """Return the lower part of the panel: gizmo, edit, last message, certificate, and the active decisions."""
-    color = "#eb3b5a" if desk.is_problem else "#20bf6b"
-    edit = "" if desk.edit is None else f"{said(desk.edit)} — Enter keeps it, Escape drops it"
-    decisions = "".join(
-        f'<div style="opacity:.75">{_sign(r.decision)} {markup_text(_said(r.decision, r.condition))} '
-        f'<span style="opacity:.6">· {markup_text(r.author)}</span></div>'
-        for _, r in desk.history.reviews[-6:]
-    )
-    return (
-        f'<div style="{_BOX}"><div><b>Gizmo: {markup_text(_target(desk))}</b></div>'
-        f'<div style="color:#f7b731;min-height:19px">{markup_text(edit)}</div>'
-        f'<div style="color:{color};min-height:19px">{markup_text(desk.message)}</div>'
-        f"{_certificate(desk)}{decisions}</div>"
-    )
+    edit = None if desk.edit is None else said(desk.edit)
+    last = desk.history.reviews[-6:]
+    decisions = [(_sign(r.decision), _said(r.decision, r.condition), r.author) for _, r in last]
+    target, between = markup_text(_target(desk)), _certificate(desk)
+    return panel_foot(target, edit, desk.message, decisions, is_problem=desk.is_problem, between=between)
 
 
 def _target(desk: SceneDesk) -> str:
