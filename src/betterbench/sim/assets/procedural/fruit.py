@@ -1,4 +1,4 @@
-"""Fruit: apples, oranges and lemons, each with a small flat foot so that it does not roll."""
+"""Fruit: apples, oranges, lemons and mangosteens, each with a small flat foot so that it does not roll."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.sim.assets.asset import CollisionPart
 from betterbench.sim.assets.authoring import Draft, Turned, disc, generator, grip, grip_across, part, zone
-from betterbench.sim.assets.authoring.mesh import Mesh, creased, prism, sweep, tube_section
+from betterbench.sim.assets.authoring.mesh import Mesh, creased, merge, prism, sweep, tube_section
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.sim.assets.authoring.solids import foot_square, solid_box, spheroid
 
@@ -199,3 +199,64 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
         regions=(zone("base", 0.013, 0.008),),
         parameters={"radius_m": radius, "length_m": 2.0 * half, "nipple_m": nipple},
     )
+
+
+@generator("mangosteen", colors=("purple",))
+def mangosteen(rng: np.random.Generator, _color: str) -> Draft:
+    """Make a mangosteen: a dark purple rind under four thick green sepals and a short stalk.
+
+    The fruit is 4 to 7 cm wide and weighs 0.05 to 0.15 kg.
+    """
+    radius, flat = 0.0265 * rng.uniform(0.94, 1.04), rng.uniform(0.84, 0.93)
+    height, stalk, turn = 2.0 * radius * flat, rng.uniform(0.004, 0.007), rng.uniform(0.0, 0.5 * math.pi)
+    rind = jittered(mixed((0.200, 0.045, 0.095), (0.150, 0.055, 0.120), rng.random()), rng, amount=0.12)
+    sepal = jittered(mixed((0.36, 0.46, 0.16), (0.50, 0.48, 0.22), rng.random()), rng)
+    angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 12).tolist()
+    z = [0.5 * height * (1.0 + math.sin(a)) for a in angles]
+    solid = Turned([0.0, *(radius * math.cos(a) for a in angles[1:-1]), 0.0], z, 20, 80.0, phase=math.pi / 2)
+    canvas = solid.canvas(rind, (192, 192), width=math.pi * radius)
+    canvas.grain(rng, cells=(10, 10), amount=0.12)
+    canvas.grain(rng, cells=(50, 50), amount=0.05)
+    # Dried latex: pale specks and scratches.
+    rows = (0.10 * canvas.height, 0.80 * canvas.height)
+    canvas.spots(rng, 34, (0.46, 0.33, 0.22), radius=(0.0003, 0.0008), rows=rows, stretch=1.8)
+    canvas.paint(canvas.y < 0.0045, (0.24, 0.16, 0.10), strength=0.8)
+    canvas.brighten(0.80, 0.4 * canvas.height)
+    sizes = [rng.uniform(0.90, 1.06) for _ in range(4)]
+    lobes = [_sepal(radius, height, size).rotated("z", turn + k * 0.5 * math.pi) for k, size in enumerate(sizes)]
+    stem_z = (height - 0.001, height + 0.5 * stalk, height + stalk)
+    stem = sweep((0.0, 0.0003, 0.0010), stem_z, tube_section(0.0034, 8), crease_degrees=60.0)
+    return Draft(
+        shape="round",
+        description="A mangosteen.",
+        tags=("mangosteen", "fruit", "tropical fruit", "food"),
+        traits=("food", "purple"),
+        mass_kg=round(1000.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
+        material="fruit",
+        parts=(
+            part("rind", solid.mesh(), canvas, specular=0.35, shininess=0.4),
+            part("sepals", merge(lobes), sepal, specular=0.2),
+            part("stalk", stem, shaded(sepal, 0.72), specular=0.1),
+            *_round_collision(radius, height),
+        ),
+        grasps=(grip_across(0.48 * height, radius),),
+        regions=(disc("base", 0.4 * radius),),
+        parameters={"radius_m": radius, "height_m": height},
+    )
+
+
+def _sepal(radius: float, height: float, size: float) -> Mesh:
+    """Return a thick rounded lobe that follows the top of the fruit along +x and curls up at its edge."""
+    across = [0.0, 0.62, 0.92, 0.88, 0.52, 0.0]
+    along = [0.02, 0.16, 0.40, 0.66, 0.84, 0.90]
+    points = [(x, -y) for x, y in zip(along, across, strict=True)] + [
+        (x, y) for x, y in zip(along[-2:0:-1], across[-2:0:-1], strict=True)
+    ]
+    low = []
+    for x, y in points:
+        at = np.array([size * 0.80 * radius * x, 0.44 * size * radius * y])
+        reach = min(float(np.hypot(*at)) / radius, 0.98)
+        surface = 0.5 * height * (1.0 + math.sqrt(1.0 - reach**2))
+        low.append((*at, surface - 0.0004 + 0.0030 * max(x - 0.55, 0.0) / 0.35))
+    base = np.array(low)
+    return prism([base, base + np.array([0.0, 0.0, 0.0019])], crease_degrees=70.0)
