@@ -36,7 +36,7 @@ def clean(tmp_path, monkeypatch):
     yield tmp_path
     registry._REGISTER.clear()
     registry._REGISTER.update(before)
-    registry._build.cache_clear()
+    registry._forget_built()
 
 
 def block(path, side=0.05):

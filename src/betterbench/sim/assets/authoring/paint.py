@@ -3,6 +3,8 @@
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 
@@ -11,6 +13,18 @@ Rgb = tuple[float, float, float]
 
 # Each texture is drawn at this multiple of its size and averaged down for antialiasing.
 _OVERSAMPLING = 2
+
+_unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
+
+
+@contextmanager
+def unpainted() -> Iterator[None]:
+    """Draw canvases of one pixel inside the context: the same random numbers are drawn, at a tenth of the time."""
+    token = _unpainted.set(True)
+    try:
+        yield
+    finally:
+        _unpainted.reset(token)
 
 
 class Canvas:
@@ -23,7 +37,7 @@ class Canvas:
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
         """Fill a canvas with a color; the finished texture has (width, height) ``pixels``, at most 256 a side."""
-        columns, rows = pixels[0] * _OVERSAMPLING, pixels[1] * _OVERSAMPLING
+        columns, rows = (_OVERSAMPLING * side for side in ((1, 1) if _unpainted.get() else pixels))
         x = (np.arange(columns) + 0.5) / columns * width
         y = (rows - 0.5 - np.arange(rows)) / rows * height
         self.x, self.y = np.meshgrid(x, y)
