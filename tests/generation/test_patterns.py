@@ -52,9 +52,7 @@ def every_made() -> list[tuple[GeneratedTask, Task]]:
 
 def every_condition() -> list[tuple[GeneratedTask, Task, Condition]]:
     return [
-        (m, t, c)
-        for m, t in every_made()
-        for c in (*t.training, *(vary(t, v)[0] for v in t.variations), *m.balanced)
+        (m, t, c) for m, t in every_made() for c in (*t.training, *(vary(t, v)[0] for v in t.variations), *m.balanced)
     ]
 
 
