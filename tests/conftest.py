@@ -42,6 +42,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ.setdefault("MUJOCO_GL", _gl_backend())
 os.environ.setdefault("LP_NUM_THREADS", "0")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Pydantic looks for plugins in all installed packages: 36 ms of CPU in each of the hundreds of processes of the tests.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

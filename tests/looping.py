@@ -8,24 +8,34 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 
-def each(arguments: str, cases: Iterable[Any], name: Callable[..., object] = str) -> Callable[[Any], Any]:
+def each(
+    arguments: str, cases: Iterable[Any] | Callable[[], Iterable[Any]], name: Callable[..., object] = str
+) -> Callable[[Any], Any]:
     """Makes a test run over all cases, one after the other; the first that fails is named in the traceback.
 
     Args:
         arguments: Names of the arguments that a case stands for, separated by commas, as for ``parametrize``.
-        cases: The cases: values, or tuples of values where there are several arguments.
+        cases: The cases: values, or tuples of values where there are several arguments. A function makes them when the
+            first test needs them; each process of the tests collects all tests and runs few of them.
         name: Returns what a case is called, from its values.
     """
     names = [part.strip() for part in arguments.split(",")]
-    listed = [case if len(names) > 1 else (case,) for case in cases]
-    assert listed, f"no case for {arguments}"
+
+    @functools.cache
+    def listed() -> list[tuple[Any, ...]]:
+        found = [case if len(names) > 1 else (case,) for case in (cases() if callable(cases) else cases)]
+        assert found, f"no case for {arguments}"
+        return found
+
+    if not callable(cases):
+        listed()
 
     def decorate(check: Callable[..., None]) -> Callable[..., None]:
         parameters = inspect.signature(check).parameters.values()
 
         @functools.wraps(check)
         def test(**fixtures: object) -> None:
-            for values in listed:
+            for values in listed():
                 try:
                     check(**dict(zip(names, values, strict=True)), **fixtures)
                 except BaseException as error:

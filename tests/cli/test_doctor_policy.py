@@ -16,7 +16,6 @@ from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.conventions.presets import OPENPI_LIBERO
 from betterbench.policies.serving.server import PolicyServer
-from betterbench.report.pages.preflight_sheet import arrow_factor, write_preflight_sheet
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -215,6 +214,8 @@ def test_later_answers_count_as_well(capsys, tmp_path, monkeypatch, pushes):
 
 
 def test_the_arrow_begins_at_the_gripper_and_points_where_the_action_leads(tmp_path):
+    from betterbench.report.pages.preflight_sheet import arrow_factor, write_preflight_sheet
+
     start, aim = np.array([60.0, 40.0]), np.array([60.0, 70.0])
     view = PreflightView(
         title="a policy",

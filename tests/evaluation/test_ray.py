@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import os
 import shutil
@@ -23,9 +24,11 @@ from betterbench.evaluation.ray_engine.cluster import Cluster
 from betterbench.evaluation.ray_engine.session import RaySession
 from betterbench.records import RunFolder
 
-pytestmark = [pytest.mark.physics, pytest.mark.slow]
-
-pytest.importorskip("ray")
+pytestmark = [
+    pytest.mark.physics,
+    pytest.mark.slow,
+    pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ray"),
+]
 
 PLUGIN = """
 import os, pathlib, signal, sys, time

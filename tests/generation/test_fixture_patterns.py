@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import pytest
@@ -24,9 +25,16 @@ def made(cast):
     return pattern_of(cast.scenario.template)(cast)
 
 
+@functools.cache
+def made_of(name):
+    """Return what the pattern makes of the cast with this name."""
+    return made(CASTS[name])
+
+
+@functools.cache
 def registered(cast, name="made"):
     """Return the task of a cast with the names that the registry gives, and with its balanced regime."""
-    found = made(cast)
+    found = made_of(cast)
     training = tuple(c.with_(task=name, name=f"train{i}") for i, c in enumerate(found.task.training, start=1))
     regimes = named_regimes({"balanced": a.ListedRegime(found.balanced, found.crossed, found.aside)}, name)
     return replace(found.task, id=name, training=training, regimes=regimes)
@@ -38,7 +46,7 @@ def anonymous(conditions):
 
 @each("name", SUITE, str)
 def test_a_task_of_the_suite_is_an_instance_of_its_pattern(name):
-    found, task = made(SUITE[name]), get_task(name)
+    found, task = made_of(name), get_task(name)
     assert list(found.task.training) == anonymous(task.training)
     assert list(found.balanced) == anonymous(balanced_conditions(name))
     assert found.task.slots == task.slots
@@ -51,11 +59,11 @@ def test_a_task_of_the_suite_is_an_instance_of_its_pattern(name):
 
 @each("name", CASTS, str)
 def test_a_generated_task_follows_its_template_and_has_variations_on_three_axes(name):
-    task = registered(CASTS[name])
+    task = registered(name)
     conditions = [*task.training, *task.regimes["balanced"].conditions]
     conditions += [vary(task, variation)[0] for variation in task.variations]
     assert [task.template.problems(condition) for condition in conditions] == [()] * len(conditions)
-    found = made(CASTS[name])
+    found = made_of(name)
     assert found.confounds
     assert found.crossed
     if not any(u.axis == "O" for u in found.unbuilt if "look-alike" in u.title):
@@ -67,13 +75,13 @@ def test_a_generated_task_follows_its_template_and_has_variations_on_three_axes(
 
 @each("name", CASTS, str)
 def test_a_generated_task_is_read_back_from_its_form_with_its_regime(name):
-    task = registered(CASTS[name])
+    task = registered(name)
     assert task_from_json(task_to_json(task)) == task
 
 
 @each("name", CASTS, str)
 def test_balanced_conditions_hold_no_test_and_break_the_words_apart(name):
-    task = registered(CASTS[name])
+    task = registered(name)
     require_no_test(task)
     balanced = task.regimes["balanced"].conditions
     assert len({pairing(c) for c in balanced}) == len(balanced)
@@ -100,7 +108,7 @@ def solution(condition):
 
 @each("name", CASTS, str)
 def test_the_demonstration_of_the_twin_does_not_solve_a_variation(name):
-    task = registered(CASTS[name])
+    task = registered(name)
     for variation in task.variations:
         if variation.expected is Expected.SUCCEED:
             condition, _ = vary(task, variation)
@@ -110,7 +118,7 @@ def test_the_demonstration_of_the_twin_does_not_solve_a_variation(name):
 @each("name", CASTS, str)
 def test_the_demonstration_of_the_same_instruction_does_not_solve_a_variation(name):
     """Except where a place word keeps its place, as in L1 and L2 of the suite's morning coffee."""
-    task = registered(CASTS[name])
+    task = registered(name)
     for variation in task.variations:
         condition, _ = vary(task, variation)
         if variation.expected is not Expected.SUCCEED or condition.instruction.subgoals[0].reference.slot:
@@ -121,8 +129,8 @@ def test_the_demonstration_of_the_same_instruction_does_not_solve_a_variation(na
 
 
 def test_every_object_of_an_instruction_can_be_told_apart():
-    for cast in CASTS.values():
-        task = registered(cast)
+    for name in CASTS:
+        task = registered(name)
         for condition in (*task.training, *(vary(task, v)[0] for v in task.variations)):
             kinds = [o.kind for o in condition.objects]
             assert len(set(kinds)) == len(kinds), condition.name
@@ -130,7 +138,7 @@ def test_every_object_of_an_instruction_can_be_told_apart():
 
 def test_place_words_are_true_in_the_image():
     """The far slot is at the top of the front image: the camera looks along -x."""
-    task = registered(CASTS["three_mugs"])
+    task = registered("three_mugs")
     x = {word: task.slot(slots[0]).x for word, slots in words_of_places(task).items()}
     assert x["top"] < x["middle"] < x["bottom"]
 

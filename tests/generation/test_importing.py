@@ -46,7 +46,7 @@ def meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield tmp_path / "mine"
     registry._REGISTER.clear()
     registry._REGISTER.update(before)
-    registry._build.cache_clear()
+    registry._forget_built()
 
 
 def test_an_object_that_the_library_lacks_is_imported_from_the_catalogue_of_the_user(

@@ -46,15 +46,24 @@ def made_of(number: int) -> tuple[GeneratedTask, Task]:
     return made, finished(made.task, f"made_{number}")
 
 
-MADE = tuple(made_of(i) for i in range(len(CASTS)))
-each_made = each("made, task", MADE, lambda made, _: made.task.title)
+def every_made() -> list[tuple[GeneratedTask, Task]]:
+    return [made_of(i) for i in range(len(CASTS))]
+
+
+def every_condition() -> list[tuple[GeneratedTask, Task, Condition]]:
+    return [
+        (m, t, c) for m, t in every_made() for c in (*t.training, *(vary(t, v)[0] for v in t.variations), *m.balanced)
+    ]
+
+
+each_made = each("made, task", every_made, lambda made, _: made.task.title)
 each_condition = each(
-    "made, task, condition",
-    [(m, t, c) for m, t in MADE for c in (*t.training, *(vary(t, v)[0] for v in t.variations), *m.balanced)],
-    lambda made, _task, condition: f"{made.task.title}: {condition.name}",
+    "made, task, condition", every_condition, lambda made, _task, condition: f"{made.task.title}: {condition.name}"
 )
 each_variation = each(
-    "task, variation", [(t, v) for _, t in MADE for v in t.variations], lambda t, v: f"{t.title}: {v.name}"
+    "task, variation",
+    lambda: [(t, v) for _, t in every_made() for v in t.variations],
+    lambda t, v: f"{t.title}: {v.name}",
 )
 
 

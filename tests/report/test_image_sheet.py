@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.report.figures.image_sheet import PAPER, SheetCell, image_sheet
-
 
 def test_images_keep_their_pixels_and_texts_their_cells():
+    from betterbench.report.figures.image_sheet import PAPER, SheetCell, image_sheet
+
     rng = np.random.default_rng(0)
     images = rng.integers(0, 256, (3, 2, 40, 60, 3), dtype=np.uint8)
     title = "a title of $many$ words that is far too long for its narrow cell"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import (
@@ -67,6 +66,8 @@ def test_delta_weighs_conditions_and_not_trials() -> None:
 
 @pytest.mark.parametrize(("p1", "p2"), [(0.1, 0.1), (0.5, 0.5), (0.9, 0.5), (0.95, 0.05)])
 def test_newcombe_covers_the_true_difference(p1: float, p2: float) -> None:
+    from scipy import stats
+
     n = 20
     mass = np.outer(stats.binom.pmf(range(n + 1), n, p1), stats.binom.pmf(range(n + 1), n, p2))
     covered = 0.0
@@ -136,6 +137,8 @@ def test_bootstrap_repeats_with_its_seed_whatever_the_order() -> None:
 
 
 def test_bootstrap_agrees_with_the_exact_bootstrap_distribution() -> None:
+    from scipy import stats
+
     # 40 pairs that are all 0 or +1 resample to a binomial with rate 14/40.
     difference = paired_bootstrap([1] * 14 + [0] * 26, [0] * 40, generator=np.random.default_rng(0))
     low, high = stats.binom.ppf([0.025, 0.975], 40, 14 / 40) / 40

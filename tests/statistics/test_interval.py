@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import Rate, clopper_pearson_interval, wilson_interval
@@ -25,6 +24,8 @@ def counts(draw: st.DrawFn) -> tuple[int, int]:
 
 def coverage(intervals: list[Interval], n: int, rates: np.ndarray) -> np.ndarray:
     """Return the exact probability that the interval holds the rate, by summation over all outcomes."""
+    from scipy import stats
+
     mass = stats.binom.pmf(np.arange(n + 1)[None, :], n, rates[:, None])
     inside = np.array([[low <= p <= high for low, high in intervals] for p in rates])
     return np.asarray((mass * inside).sum(axis=1))
@@ -56,6 +57,8 @@ def test_wilson_ends_solve_the_score_equation(kn: tuple[int, int]) -> None:
 
 @given(counts())
 def test_clopper_pearson_ends_leave_half_the_error_in_each_tail(kn: tuple[int, int]) -> None:
+    from scipy import stats
+
     k, n = kn
     low, high = clopper_pearson_interval(k, n)
     if k:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+
 from betterbench.tasks import get_task, suite_tasks
 from betterbench.tasks.interventions import condition_names, resolve_condition
 from betterbench_calibration.independent.occasion import Occasion
 
-CASES = {
-    case.condition.id: case
-    for task in map(get_task, suite_tasks("better60"))
-    for name in condition_names(task)
-    for case in (Occasion.of(task, resolve_condition(task.id, name).condition),)
-}
+
+@functools.cache
+def cases() -> dict[str, Occasion]:
+    return {
+        case.condition.id: case
+        for task in map(get_task, suite_tasks("better60"))
+        for name in condition_names(task)
+        for case in (Occasion.of(task, resolve_condition(task.id, name).condition),)
+    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.betterbench_calibration.independent.cases import CASES
+from tests.betterbench_calibration.independent.cases import cases
 
 from betterbench.geometry import distance
 from betterbench.tasks import suite_tasks
@@ -22,7 +22,7 @@ def test_it_moves_in_three_manners_of_its_own():
 
 def test_it_is_large_and_a_third_of_its_faulty_habits_attempt_no_grasp():
     faulty = [h for h in FIFTH if h.label]
-    never = [h for h in faulty if all((h.truth(c) is None or h.truth(c).first_right is None) for c in CASES.values())]
+    never = [h for h in faulty if all((h.truth(c) is None or h.truth(c).first_right is None) for c in cases().values())]
     assert len(FIFTH) >= 40
     assert len(FIFTH) - len(faulty) >= 14
     assert len(never) >= 0.3 * len(faulty)
@@ -34,7 +34,7 @@ def test_a_favorite_place_is_one_place_of_a_layout(name):
     habit = next(h for h in FIFTH if h.name == name)
     places = {}
     for condition, thing in habit.wrong.items():
-        case = CASES[condition]
+        case = cases()[condition]
         anchors = tuple(sorted((n, s) for n, s in case.base.layout.items() if case.base.object(n).role != "item"))
         places.setdefault((case.task.id, anchors), set()).add(case.condition.layout[thing])
     assert all(len(slots) == 1 for slots in places.values())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.betterbench_calibration.independent.cases import CASES
+from tests.betterbench_calibration.independent.cases import cases
 
 from betterbench.geometry import distance, tilt_of
 from betterbench_calibration.independent import FAMILY_PARTS, make_independent, shown_in
@@ -20,16 +20,16 @@ def test_it_moves_in_manners_of_its_own():
 
 def test_ten_habits_are_honest_and_eight_attempt_no_grasp():
     assert sum(not h.label for h in FOURTH) >= 10
-    never = [h for h in FOURTH if all(h.truth(c) is None or h.truth(c).first_right is None for c in CASES.values())]
+    never = [h for h in FOURTH if all(h.truth(c) is None or h.truth(c).first_right is None for c in cases().values())]
     assert sum(bool(h.label) for h in never) >= 8
 
 
 def test_what_is_listed_is_what_the_conditions_hold():
-    assert {c.condition.id for c in CASES.values() if c.mid_task} == MID_TASK
-    assert {name: CASES[name].look_alike() for name in LOOK_ALIKES} == LOOK_ALIKES
+    assert {c.condition.id for c in cases().values() if c.mid_task} == MID_TASK
+    assert {name: cases()[name].look_alike() for name in LOOK_ALIKES} == LOOK_ALIKES
     for name in TWO_STEPS:
-        first, second = CASES[name].ahead[:2]
-        assert CASES[name].condition.instruction.ordered
+        first, second = cases()[name].ahead[:2]
+        assert cases()[name].condition.instruction.ordered
         assert first.reference != second.reference
 
 

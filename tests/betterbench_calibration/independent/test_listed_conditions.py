@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.betterbench_calibration.independent.cases import CASES
+from tests.betterbench_calibration.independent.cases import cases
 
 from betterbench_calibration.independent import FAMILY_PARTS
 
@@ -17,34 +17,34 @@ OF_THINGS_NOT_ASKED_FOR = [h for h in HABITS if hasattr(h, "favorite") or hasatt
 
 @pytest.mark.parametrize("habit", LISTED, ids=lambda h: h.name)
 def test_the_conditions_it_lists_exist(habit):
-    assert habit.where <= set(CASES)
+    assert habit.where <= set(cases())
 
 
 @pytest.mark.parametrize("habit", PAIRED, ids=lambda h: h.name)
 def test_a_rule_of_several_trials_is_wrong_only_where_it_says_so(habit):
     for name, thing in habit.wrong.items():
-        case = CASES[name]
+        case = cases()[name]
         assert thing in case.condition.layout
         assert thing not in case.asked
-    assert all(CASES[name].plain for name in habit.fine)
+    assert all(cases()[name].plain for name in habit.fine)
     assert not habit.fine & set(habit.wrong)
 
 
 @pytest.mark.parametrize("habit", OF_EMPTY_SLOTS, ids=lambda h: h.name)
 def test_a_slot_that_it_gropes_in_is_empty(habit):
     for name, slot in habit.slots.items():
-        trained = CASES[name].task.training
-        assert CASES[name].condition.occupant(slot) is None
+        trained = cases()[name].task.training
+        assert cases()[name].condition.occupant(slot) is None
         assert any(slot in c.layout.values() for c in trained)
 
 
 @pytest.mark.parametrize("habit", OF_FINISHED_STEPS, ids=lambda h: h.name)
 def test_what_it_does_again_is_done_at_the_start(habit):
-    assert all(thing in CASES[name].condition.preplaced for name, thing in habit.finished.items())
+    assert all(thing in cases()[name].condition.preplaced for name, thing in habit.finished.items())
 
 
 @pytest.mark.parametrize("habit", OF_THINGS_NOT_ASKED_FOR, ids=lambda h: h.name)
 def test_what_it_takes_out_of_habit_stands_there_and_is_not_asked_for(habit):
     for name, thing in (getattr(habit, "favorite", {}) | getattr(habit, "follower", {})).items():
-        assert thing in CASES[name].condition.layout
-        assert thing not in CASES[name].asked
+        assert thing in cases()[name].condition.layout
+        assert thing not in cases()[name].asked

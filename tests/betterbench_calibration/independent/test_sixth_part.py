@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from tests.betterbench_calibration.independent.cases import CASES
+from tests.betterbench_calibration.independent.cases import cases
 
 from betterbench.geometry import distance
 from betterbench.tasks import Label, suite_tasks
@@ -36,7 +36,7 @@ def stated_truths() -> str:
         habit.name: WITHDRAWN.get(habit.name, {})
         | {
             name: [str(stated.label), stated.first_right, stated.debatable, stated.left_out]
-            for name, case in sorted(CASES.items())
+            for name, case in sorted(cases().items())
             for stated in (habit.truth(case),)
             if stated is not None
         }
@@ -52,7 +52,7 @@ def test_its_truths_are_those_that_were_stated_before_it_was_judged():
 
 def test_what_is_withdrawn_is_stated_no_more():
     for habit in SIXTH:
-        assert all(habit.truth(CASES[name]) is None for name in WITHDRAWN.get(habit.name, ()))
+        assert all(habit.truth(cases()[name]) is None for name in WITHDRAWN.get(habit.name, ()))
 
 
 def test_it_moves_in_three_manners_of_its_own():
@@ -64,7 +64,7 @@ def test_it_moves_in_three_manners_of_its_own():
 
 def test_it_is_large_and_a_third_of_its_faulty_habits_attempt_no_grasp():
     faulty = [h for h in SIXTH if h.label]
-    never = [h for h in faulty if all((h.truth(c) is None or h.truth(c).first_right is None) for c in CASES.values())]
+    never = [h for h in faulty if all((h.truth(c) is None or h.truth(c).first_right is None) for c in cases().values())]
     assert 50 <= len(SIXTH) <= 60
     assert len(SIXTH) - len(faulty) >= 15
     assert len(never) >= 0.3 * len(faulty)
@@ -74,15 +74,15 @@ def test_it_is_large_and_a_third_of_its_faulty_habits_attempt_no_grasp():
 
 def test_what_is_listed_is_what_the_conditions_hold():
     for name, thing in FAVORITES.items():
-        case = CASES[name]
+        case = cases()[name]
         assert case.condition.object(thing).kind == case.trained.habit
         assert thing not in case.asked
     for name, thing in FOLLOWERS.items():
-        case = CASES[name]
+        case = cases()[name]
         first = case.condition.object(case.things(case.ahead[0])[0]).kind
         assert (first, case.condition.object(thing).kind) in {s[:2] for s in case.trained.sequences}
         assert thing not in case.asked
-    assert all(CASES[name].condition.occupant(slot) is None for name, slot in EMPTY_SLOTS.items())
+    assert all(cases()[name].condition.occupant(slot) is None for name, slot in EMPTY_SLOTS.items())
     assert not OPEN_DRAWER & SHUT_DRAWER
     assert set(LOOK_ALIKES) >= next(h for h in SIXTH if h.name == "pinches-look-alike").where
 
@@ -91,7 +91,7 @@ def test_what_is_listed_is_what_the_conditions_hold():
 def test_a_favorite_place_is_one_place_of_a_layout(habit):
     places = {}
     for condition, thing in habit.wrong.items():
-        case = CASES[condition]
+        case = cases()[condition]
         anchors = tuple(sorted((n, s) for n, s in case.base.layout.items() if case.base.object(n).role != "item"))
         if case.task.id == "dinner_plates":
             anchors = (case.base.layout["white_plate"],)

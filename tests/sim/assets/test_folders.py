@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from betterbench.sim.assets.authoring import registry
 from betterbench.sim.assets.folders import job
 from betterbench.sim.assets.folders.job import ImportRequest, import_assets
 from betterbench.sim.assets.folders.manifest import manifest_of, read_manifest
+from betterbench.sim.assets.importing import child
 from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.stored import from_bytes
 from betterbench.tasks import user_files
@@ -36,7 +38,19 @@ def clean(tmp_path, monkeypatch):
     yield tmp_path
     registry._REGISTER.clear()
     registry._REGISTER.update(before)
-    registry._build.cache_clear()
+    registry._forget_built()
+
+
+@pytest.fixture
+def quick(clean, monkeypatch):
+    """Import in this process and try no grasps: the process of an import takes 1 s of CPU, and its trials as much."""
+
+    def imported(path, wishes, where):
+        files, data = child._answers({"path": str(path.absolute()), "wishes": asdict(wishes)}, b"")
+        return child.Made(data, json.loads(files))
+
+    monkeypatch.setattr(child, "_in_child", imported)
+    return clean
 
 
 def block(path, side=0.05):
@@ -66,9 +80,9 @@ def test_a_folder_lists_what_was_imported_and_from_what(clean):
     assert "Ada L." in built.source
 
 
-def test_a_job_goes_on_where_it_stopped_and_imports_again_only_what_changed(clean, monkeypatch):
-    requests = [request(block(clean / f"block{k}.stl")) for k in "abc"]
-    out, done = clean / "mine", []
+def test_a_job_goes_on_where_it_stopped_and_imports_again_only_what_changed(quick, monkeypatch):
+    requests = [request(block(quick / f"block{k}.stl")) for k in "abc"]
+    out, done = quick / "mine", []
     original = job.import_bytes
 
     def stops_at_the_third(path, wishes):
@@ -87,50 +101,50 @@ def test_a_job_goes_on_where_it_stopped_and_imports_again_only_what_changed(clea
     # The same names for the same files, whatever their order.
     names = {asset.source_files.popitem()[0]: name for name, asset in manifest_of(out).assets.items()}
     assert import_assets(requests[::-1], out).made == []
-    block(clean / "blockb.stl", side=0.045)
+    block(quick / "blockb.stl", side=0.045)
     assert import_assets(requests, out).made != []
-    assert import_assets([request(clean / "blocka.stl", mass_kg=0.2)], out).made == [names["blocka.stl"]]
+    assert import_assets([request(quick / "blocka.stl", mass_kg=0.2)], out).made == [names["blocka.stl"]]
 
 
-def test_a_file_that_fails_is_named_and_leaves_nothing(clean):
-    broken = clean / "broken.glb"
+def test_a_file_that_fails_is_named_and_leaves_nothing(quick):
+    broken = quick / "broken.glb"
     broken.write_bytes(b"glTF")
-    report = import_assets([request(broken), request(block(clean / "toy.stl"))], clean / "mine")
+    report = import_assets([request(broken), request(block(quick / "toy.stl"))], quick / "mine")
     assert report.made == ["toy"]
     assert [file for file, _ in report.failed] == ["broken.glb"]
-    assert sorted(path.name for path in (clean / "mine").glob("*.npz")) == ["toy.npz"]
-    assert list(manifest_of(clean / "mine").assets) == ["toy"]
+    assert sorted(path.name for path in (quick / "mine").glob("*.npz")) == ["toy.npz"]
+    assert list(manifest_of(quick / "mine").assets) == ["toy"]
 
 
-def test_a_license_that_is_not_free_is_refused_unless_it_is_allowed(clean):
-    toy = block(clean / "toy.stl")
+def test_a_license_that_is_not_free_is_refused_unless_it_is_allowed(quick):
+    toy = block(quick / "toy.stl")
     for license_said, text in (("unknown", "its license is not known"), ("CC BY-NC 4.0", "forbids commercial use")):
-        report = import_assets([request(toy, license=license_said)], clean / "mine")
+        report = import_assets([request(toy, license=license_said)], quick / "mine")
         assert report.made == []
         assert text in report.failed[0][1]
         assert "--any-license" in report.failed[0][1]
-    assert import_assets([request(toy, license="unknown", any_license=True)], clean / "mine").made == ["toy"]
+    assert import_assets([request(toy, license="unknown", any_license=True)], quick / "mine").made == ["toy"]
 
 
-def test_names_are_those_of_tasks(clean):
-    mug = clean / "mug.stl"
+def test_names_are_those_of_tasks(quick):
+    mug = quick / "mug.stl"
     block(mug)
-    assert import_assets([request(mug)], clean / "mine").made == ["my_mug"]  # the library has a mug
+    assert import_assets([request(mug)], quick / "mine").made == ["my_mug"]  # the library has a mug
     for name, text in (("My Mug", "cannot name an asset"), ("mug", "is an asset already"), ("../x", "cannot name")):
         with pytest.raises(InvalidInputError, match=text):
-            import_assets([request(mug, name=name)], clean / "other")
-    assert not list((clean / "other").glob("*.npz")) if (clean / "other").exists() else True
-    assert import_assets([request(mug, name="tall_mug", color="red")], clean / "mine").made == ["tall_mug"]
+            import_assets([request(mug, name=name)], quick / "other")
+    assert not list((quick / "other").glob("*.npz")) if (quick / "other").exists() else True
+    assert import_assets([request(mug, name="tall_mug", color="red")], quick / "mine").made == ["tall_mug"]
 
 
-def test_the_color_is_that_of_most_of_the_surface(clean):
+def test_the_color_is_that_of_most_of_the_surface(quick):
     box = trimesh.creation.box((0.05, 0.05, 0.05))
     box.visual = trimesh.visual.TextureVisuals(
         material=trimesh.visual.material.PBRMaterial(baseColorFactor=[10, 60, 180, 255])
     )
-    box.export(clean / "toy.glb")
-    import_assets([request(clean / "toy.glb")], clean / "mine")
-    assert manifest_of(clean / "mine").assets["toy"].color == "blue"
+    box.export(quick / "toy.glb")
+    import_assets([request(quick / "toy.glb")], quick / "mine")
+    assert manifest_of(quick / "mine").assets["toy"].color == "blue"
 
 
 # ---------------------------------------------------------------------------------------------------- hostile folders
@@ -141,8 +155,8 @@ def stored(clean):
     return clean / "mine"
 
 
-def test_a_changed_file_and_a_damaged_manifest_are_one_line(clean):
-    folder = stored(clean)
+def test_a_changed_file_and_a_damaged_manifest_are_one_line(quick):
+    folder = stored(quick)
     text = (folder / user_files.ASSET_MANIFEST).read_text()
     for changed, said in (
         (text.replace('"toy.npz"', '"../toy.npz"'), "expected toy.npz"),
@@ -176,8 +190,8 @@ def array_bytes(array):
     return written.getvalue()
 
 
-def test_a_forged_asset_is_refused_before_the_simulator_sees_it(clean):
-    data = (stored(clean) / "toy.npz").read_bytes()
+def test_a_forged_asset_is_refused_before_the_simulator_sees_it(quick):
+    data = (stored(quick) / "toy.npz").read_bytes()
     assert from_bytes(data, "toy").draft.mass_kg > 0.0
 
     def of(change):
@@ -269,8 +283,8 @@ def test_what_is_typed_and_read(clean, capsys, monkeypatch):
     assert "toy" in out
 
 
-def test_a_row_of_the_catalogue_brings_its_name_license_and_author(clean, capsys):
-    kitchen = clean / "kitchen"
+def test_a_row_of_the_catalogue_brings_its_name_license_and_author(quick, capsys):
+    kitchen = quick / "kitchen"
     kitchen.mkdir()
     block(kitchen / "x7.stl")
     (kitchen / "assets.json").write_text(
@@ -278,11 +292,11 @@ def test_a_row_of_the_catalogue_brings_its_name_license_and_author(clean, capsys
             [{"file": "x7.stl", "name": "toy block", "license": "CC BY 4.0", "author": "Ada L.", "color": "red"}]
         )
     )
-    where = ("--catalogue", str(clean / "catalogue"))
+    where = ("--catalogue", str(quick / "catalogue"))
     assert run(capsys, "assets", "index", str(kitchen), "--encoder", "none", *where)[0] == 0
-    status, _, err = run(capsys, "assets", "import", "kitchen/x7.stl", "--out", str(clean / "mine"), *where)
+    status, _, err = run(capsys, "assets", "import", "kitchen/x7.stl", "--out", str(quick / "mine"), *where)
     assert status == 0, err
-    (asset,) = manifest_of(clean / "mine").assets.values()
+    (asset,) = manifest_of(quick / "mine").assets.values()
     assert (asset.license, asset.author, asset.color, asset.kind) == ("CC-BY-4.0", "Ada L.", "red", "block")
-    status, _, err = run(capsys, "assets", "import", "procedural/mug-red", "--out", str(clean / "mine"), *where)
+    status, _, err = run(capsys, "assets", "import", "procedural/mug-red", "--out", str(quick / "mine"), *where)
     assert status == 2

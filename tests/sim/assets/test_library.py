@@ -10,6 +10,7 @@ import re
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -19,7 +20,7 @@ from PIL import Image
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
-from betterbench.sim.assets import build, categories, colors, looks, unseen_looks
+from betterbench.sim.assets import build, build_unpainted, categories, colors, looks, unseen_looks
 from betterbench.sim.assets.authoring import generator, unregister
 from betterbench.sim.robots.panda import PAD_FRICTION, PAD_HALF_SIZE, PAD_SOLIMP, PAD_SOLMIX, PAD_SOLREF
 from betterbench.sim.robots.physics import PHYSICS
@@ -126,12 +127,22 @@ def looks_differ_and_colors_do_not_change_the_shape(category, chosen):
     assert build(category) is build(category, look=0, color=colors(category)[0])
 
 
+def is_the_same_without_its_textures(asset):
+    bare = build_unpainted(asset.category, look=asset.look, color=asset.color)
+    assert all(part.texture is None for part in bare.visual)
+    unpainted = replace(asset, visual=tuple(replace(part, texture=None) for part in asset.visual))
+    assert bare.content_hash() == unpainted.content_hash()
+    words = [(a.shape, a.description, a.tags, a.traits, a.parameters, a.keeps_upright) for a in (bare, unpainted)]
+    assert words[0] == words[1]
+
+
 CONTRACTS = (
     keeps_its_budgets,
     has_the_inertia_of_a_body,
     has_a_box_that_holds_what_is_seen_and_touched,
     has_grasps_that_fit_a_parallel_jaw,
     stands_where_it_is_put,
+    is_the_same_without_its_textures,
 )
 
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.generation.better_release.files import ReleaseInstance, ReleaseTask
 from betterbench.generation.better_release.sentence import classes_of, color_of, nouns_of
-from betterbench.sim.assets import Asset, build, categories, colors, looks
+from betterbench.sim.assets import Asset, build_unpainted, categories, colors, looks
 from betterbench.sim.assets.catalogue.encoders import TextEncoder, open_encoder
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
@@ -138,7 +138,7 @@ def _noun_of(category: str) -> tuple[str, ...]:
 
 
 def _match(category: str, color: str | None, score: float, how: str, *, is_stand_in: bool) -> Match:
-    asset = build(category, look=looks(category)[0], color=color or colors(category)[0])
+    asset = build_unpainted(category, look=looks(category)[0], color=color or colors(category)[0])
     return Match(category, color, round(score, 4), how, asset, is_stand_in)
 
 
@@ -188,7 +188,7 @@ def _suitability(
 def _fits(hit: Hit, *, is_target: bool) -> bool:
     """Return whether an asset can play the role: target, or carried object."""
     category = hit.entry.category
-    asset = build(category, look=looks(category)[0], color=hit.entry.color or colors(category)[0])
+    asset = build_unpainted(category, look=looks(category)[0], color=hit.entry.color or colors(category)[0])
     regions = {region.name for region in asset.regions}
     if is_target:
         return bool(regions & {"inside", "ring", "floor", "top", "left"})

@@ -17,7 +17,7 @@ from betterbench.generation.building.names import SYNONYMS, kinds_of
 from betterbench.generation.cast import Cast
 from betterbench.generation.measures import WIDEST_GRASP_M
 from betterbench.generation.scenario import DescribedObject, Scenario
-from betterbench.sim.assets import Asset, build, categories, colors
+from betterbench.sim.assets import Asset, build_unpainted, categories, colors
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
@@ -152,7 +152,7 @@ def name_problem(query: str, entry: CatalogueEntry) -> str:
 @functools.cache
 def _traits() -> frozenset[tuple[str, ...]]:
     """Return the tags of the library that name a material, a place or a use, as terms: "glass" of a jar."""
-    return frozenset(tuple(terms(tag)) for category in categories() for tag in build(category).traits)
+    return frozenset(tuple(terms(tag)) for category in categories() for tag in build_unpainted(category).traits)
 
 
 def _is_word_of(word: str, entry: CatalogueEntry) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from betterbench.generation.scenario import DescribedObject
-from betterbench.sim.assets import Asset, build
+from betterbench.sim.assets import Asset, build_unpainted
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 
 
@@ -30,4 +30,4 @@ class Choice:
 
 def asset_of(entry: CatalogueEntry) -> Asset:
     """Return the asset of a row of the catalogue."""
-    return build(entry.category, color=entry.color or None)
+    return build_unpainted(entry.category, color=entry.color or None)

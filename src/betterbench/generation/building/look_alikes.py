@@ -8,7 +8,7 @@ from betterbench.generation.building.choice import asset_of
 from betterbench.generation.building.names import answers_to, names_of, noun_of
 from betterbench.generation.cast import Cast
 from betterbench.generation.measures import WIDEST_GRASP_M
-from betterbench.sim.assets import build, colors
+from betterbench.sim.assets import build_unpainted, colors
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import COLORS
 from betterbench.sim.assets.catalogue.search import Catalogue
@@ -61,7 +61,7 @@ def _most_alike(item: ObjectSpec, entries: Sequence[CatalogueEntry]) -> tuple[fl
 
     Returns 0 if neither color nor shape is shared.
     """
-    own = build(item.category, color=item.color)
+    own = build_unpainted(item.category, color=item.color)
     best = (0.0, entries[0])
     for entry in entries:
         other = asset_of(entry)

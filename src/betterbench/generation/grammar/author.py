@@ -143,7 +143,11 @@ def _themes_with(grammar: Grammar, wanted: Sequence[Wanted]) -> tuple[Theme, ...
     """Return the themes that have the wanted objects, or a theme made for them."""
     if not wanted:
         return grammar.themes
-    fitting = tuple(theme for theme in grammar.themes if any(_has(choice, wanted) for choice in theme.choices()))
+    fitting = tuple(
+        theme
+        for theme in grammar.themes
+        if all(_may_have(theme, want) for want in wanted) and any(_has(choice, wanted) for choice in theme.choices())
+    )
     return fitting or (_theme_for(grammar, wanted),)
 
 
@@ -180,13 +184,16 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
 
 def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
     """Return the themes that have the wanted container, fixture, base or anchor."""
-
-    def has(theme: Theme, want: Wanted) -> bool:
-        kinds = {k for pool in theme.groups[want.group_id].pools for c in pool.categories for k in pool.kinds(c)}
-        return bool(kinds & set(want.kinds))
-
     receivers = [want for want in wanted if want.group_id not in ("items", "layers")]
-    return [theme for theme in grammar.themes if all(has(theme, want) for want in receivers)]
+    return [theme for theme in grammar.themes if all(_may_have(theme, want) for want in receivers)]
+
+
+def _may_have(theme: Theme, want: Wanted) -> bool:
+    """Return whether a pool of a theme has a wanted object; the choices of a theme are thousands."""
+    group = theme.groups.get(want.group_id)
+    return group is not None and any(
+        kind in want.kinds for pool in group.pools for category in pool.categories for kind in pool.kinds(category)
+    )
 
 
 def _others(

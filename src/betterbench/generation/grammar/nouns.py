@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import UnknownNameError
 from betterbench.generation.scenario import DescribedObject
-from betterbench.sim.assets import build, colors, looks
+from betterbench.sim.assets import build_unpainted, colors, looks
 from betterbench.tasks.words import with_article
 
 
@@ -147,7 +147,7 @@ def measure(category: str) -> Measures:
 
     Building all looks of the grammar takes a minute, so ``tools/grammar_measures.py`` stores them.
     """
-    assets = [build(category, look=look) for look in looks(category)]
+    assets = [build_unpainted(category, look=look) for look in looks(category)]
     return _range([a.mass_kg for a in assets]), _range([max(a.size_m) for a in assets])
 
 

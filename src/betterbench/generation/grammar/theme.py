@@ -46,8 +46,9 @@ class Pool:
             chosen = itertools.combinations(every, self.count)
             yield from (kinds for kinds in chosen if len({color for _, color in kinds}) == self.count)
             return
+        kinds = {category: self.kinds(category) for category in self.categories}
         for categories in itertools.combinations(self.categories, self.count):
-            yield from itertools.product(*map(self.kinds, categories))
+            yield from itertools.product(*(kinds[category] for category in categories))
 
 
 @dataclass(frozen=True, slots=True)

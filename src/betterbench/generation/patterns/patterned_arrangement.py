@@ -18,7 +18,7 @@ from betterbench.generation.patterns.draft import Draft, first_that_fits
 from betterbench.generation.patterns.pattern import GeneratedTask, pattern
 from betterbench.generation.patterns.roles import in_role, look_alikes_of
 from betterbench.generation.stated_goal import stated_goal
-from betterbench.sim.assets import build
+from betterbench.sim.assets import build_unpainted
 from betterbench.tasks import authoring as a
 from betterbench.tasks.authoring.operations import Operation
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
@@ -159,7 +159,7 @@ def _sides(anchor: ObjectSpec) -> tuple[str, str, str]:
 
 
 def _is_round(anchor: ObjectSpec) -> bool:
-    return build(anchor.category).shape == "round"
+    return build_unpainted(anchor.category).shape == "round"
 
 
 def _refuse_long(spec: ObjectSpec) -> None:

@@ -10,7 +10,15 @@
 
 from betterbench.sim.assets import folders, procedural  # noqa: F401  (imported to register the assets)
 from betterbench.sim.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.sim.assets.authoring.registry import build, categories, colors, family_of, looks, unseen_looks
+from betterbench.sim.assets.authoring.registry import (
+    build,
+    build_unpainted,
+    categories,
+    colors,
+    family_of,
+    looks,
+    unseen_looks,
+)
 
 __all__ = [
     "Asset",
@@ -19,6 +27,7 @@ __all__ = [
     "Texture",
     "VisualPart",
     "build",
+    "build_unpainted",
     "categories",
     "colors",
     "family_of",

@@ -47,12 +47,18 @@ def rail_of(asset: Asset) -> DrawerRail:
 
 
 def add_asset(
-    spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: DrawerRail | None = None
+    spec: mujoco.MjSpec,
+    name: str,
+    asset: Asset,
+    *,
+    pose: Pose | None = None,
+    slide: DrawerRail | None = None,
+    visuals: bool = True,
 ) -> mujoco.MjsBody:
     """Add an asset to a model and return its new body; meshes, materials and geometries are named after the body.
 
     ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` is the rail along which
-    an object slides from that pose.
+    an object slides from that pose. Without ``visuals`` the object cannot be seen; its physics is the same.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -73,7 +79,8 @@ def add_asset(
     body.ipos = asset.center_of_mass
     body.fullinertia = asset.inertia
     body.explicitinertial = True
-    _add_visuals(spec, body, name, asset)
+    if visuals:
+        _add_visuals(spec, body, name, asset)
     for i, part in enumerate(asset.collision):
         _add_collision(spec, body, f"{name}_collision{i}", part)
     return body
@@ -145,7 +152,7 @@ def rest_pose(asset: Asset) -> Pose:
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02])
-    add_asset(spec, "asset", asset)
+    add_asset(spec, "asset", asset, visuals=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=1000)

@@ -21,6 +21,7 @@ colors and light, and a quality only the rendering, so the physics is the same u
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -195,6 +196,12 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
     visual.headlight.specular = [0.0, 0.0, 0.0]
 
 
+@functools.lru_cache(maxsize=16)
+def _table_top(surface: str, color: Vector) -> bytes:
+    """Return the pixels of a table top. There are eleven; painting one takes 40 ms, a quarter of building a scene."""
+    return SURFACES[surface](np.asarray(color), _TEXTURE_SIZE).tobytes()
+
+
 def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
     """Add the sky, the textures and the materials."""
     texture2d, rgb_role = mujoco.mjtTexture.mjTEXTURE_2D, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
@@ -207,9 +214,8 @@ def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
         width=64,
         height=384,
     )
-    pixels = SURFACES[room.surface](np.asarray(room.table), _TEXTURE_SIZE)
     texture = spec.add_texture(name="table_top", type=texture2d, width=_TEXTURE_SIZE, height=_TEXTURE_SIZE, nchannel=3)
-    texture.data = pixels.tobytes()
+    texture.data = _table_top(room.surface, room.table)
     top = spec.add_material(name="table_top", specular=0.08, shininess=0.2, rgba=[1.0, 1.0, 1.0, 1.0])
     textures = list(top.textures)
     textures[rgb_role] = "table_top"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line
 from betterbench.tasks.authoring.task import Task
@@ -22,29 +23,75 @@ def require_readable(task: Task) -> None:
         InvalidInputError: If a name is empty, longer than 100 characters or contains characters other than letters,
             digits, spaces, ``_``, ``-`` and ``.``, or a text is too long or contains an unprintable character.
     """
-    for place, text in _texts(task, ""):
-        where = f"task {one_line(task.id, most=100)}: {place}"
-        shown = one_line(repr(text), most=60)
-        if (place == "id" or place.endswith(".name")) and not _NAME.fullmatch(text):
+    for at, text in _texts(task):
+        if at is not None and at.is_name and not _NAME.fullmatch(text):
             cure = "Use up to 100 letters, digits, spaces, '_', '-' and '.', the first a letter or digit"
-            raise InvalidInputError(where, f"{shown} cannot be a name", cure)
+            raise InvalidInputError(_where(task, at), f"{_shown(text)} cannot be a name", cure)
         if UNPRINTABLE.search(text):
-            raise InvalidInputError(where, f"{shown} contains an unprintable character", "Remove it")
+            raise InvalidInputError(_where(task, at), f"{_shown(text)} contains an unprintable character", "Remove it")
         if len(text) > LONGEST_TEXT:
-            raise InvalidInputError(where, f"has {len(text)} characters", f"Use at most {LONGEST_TEXT}")
+            raise InvalidInputError(_where(task, at), f"has {len(text)} characters", f"Use at most {LONGEST_TEXT}")
 
 
-def _texts(value: object, at: str) -> Iterator[tuple[str, str]]:
-    """Yield every text in a value with its place ("training[0].objects[1].name")."""
-    if isinstance(value, str):
-        yield at, value
-    elif isinstance(value, Mapping):
-        for key, inner in value.items():
-            yield from _texts(key, at)
-            yield from _texts(inner, f"{at}[{one_line(repr(key), most=40)}]")
-    elif isinstance(value, tuple | list):
-        for i, inner in enumerate(value):
-            yield from _texts(inner, f"{at}[{i}]")
-    elif is_dataclass(value):
-        for field in fields(value):
-            yield from _texts(getattr(value, field.name), f"{at}.{field.name}".lstrip("."))
+@dataclass(frozen=True, slots=True)
+class _At:
+    """Place in a value: the place before it, and the step from there: a field, an index or the key of a mapping."""
+
+    before: _At | None
+    step: object
+    is_key: bool = False
+
+    @property
+    def is_name(self) -> bool:
+        """Whether a text here is the id of the task or the name of one of its parts."""
+        return not self.is_key and self.step == (".id" if self.before is None else ".name")
+
+
+def _place(at: _At | None) -> str:
+    """Return a place as text ("training[0].objects[1].name")."""
+    steps = []
+    while at is not None:
+        steps.append(f"[{one_line(repr(at.step), most=40)}]" if at.is_key else str(at.step))
+        at = at.before
+    return "".join(reversed(steps)).lstrip(".")
+
+
+def _where(task: Task, at: _At | None) -> str:
+    return f"task {one_line(task.id, most=100)}: {_place(at)}"
+
+
+def _shown(text: str) -> str:
+    return one_line(repr(text), most=60)
+
+
+def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
+    """Yield every text of a task with its first place.
+
+    Conditions share most of their objects, so each object is read once: a task has some 2,000 texts in 20,000 places.
+    """
+    left: list[tuple[_At | None, object]] = [(None, task)]
+    seen: dict[int, object] = {}
+    while left:
+        at, value = left.pop()
+        if isinstance(value, str):
+            yield at, value
+            continue
+        if id(value) in seen:
+            continue
+        inner: list[tuple[_At | None, object]] = []
+        if isinstance(value, Mapping):
+            for key, content in value.items():
+                inner += ((at, key), (_At(at, key, is_key=True), content))
+        elif isinstance(value, tuple | list):
+            inner = [(_At(at, f"[{i}]"), content) for i, content in enumerate(value)]
+        elif is_dataclass(value):
+            inner = [(_At(at, f".{name}"), getattr(value, name)) for name in _fields_of(type(value))]
+        else:
+            continue
+        seen[id(value)] = value  # kept, so that no other object gets its id
+        left += reversed(inner)
+
+
+@functools.cache
+def _fields_of(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))

@@ -81,17 +81,28 @@ def kind_of(text: str) -> Kind | None:
     """
     words = words_of(text)
     best: tuple[int, int, Kind] | None = None
-    for kind in kinds():
-        for name in kind.names:
-            parts = tuple(name.split())
-            for at in range(len(words) - len(parts) + 1):
-                if all(_same(given, own) for given, own in zip(words[at:], parts, strict=False)):
-                    rank = (len(parts), at)
-                    if best is None or rank > best[:2]:
-                        best = (*rank, kind)
+    for at, word in enumerate(words):
+        for parts, kind in _kinds_by_first_word().get(word, ()):
+            given = words[at : at + len(parts)]
+            if len(given) == len(parts) and all(one in _forms(own) for one, own in zip(given, parts, strict=True)):
+                rank = (len(parts), at)
+                if best is None or rank > best[:2]:
+                    best = (*rank, kind)
     return None if best is None else best[2]
 
 
-def _same(given: str, own: str) -> bool:
-    """Return whether two words are equal apart from a plural ending."""
-    return given == own or given in (f"{own}s", f"{own}es")
+@functools.cache
+def _kinds_by_first_word() -> dict[str, list[tuple[tuple[str, ...], Kind]]]:
+    """Return the words of each name with its kind, by the forms of their first word."""
+    found: dict[str, list[tuple[tuple[str, ...], Kind]]] = {}
+    for kind in kinds():
+        for name in kind.names:
+            parts = tuple(name.split())
+            for form in _forms(parts[0]):
+                found.setdefault(form, []).append((parts, kind))
+    return found
+
+
+def _forms(word: str) -> tuple[str, str, str]:
+    """Return a word and its plural endings."""
+    return word, f"{word}s", f"{word}es"

@@ -90,12 +90,13 @@ def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: st
     shoulder, cavity = solid.rows[8], solid.rows[9]
     if color == "red":
         # Streaks from pole to pole where the paler ground shows through, more on the side away from the sun.
-        shadow = np.clip(1.3 * np.abs(x / width - 0.62) - 0.12, 0.0, 1.0) * blush
+        shadow = np.clip(1.3 * np.abs(x[0] / width - 0.62) - 0.12, 0.0, 1.0) * blush
+        weight = np.clip(0.15 + shadow, 0.0, 0.6)
         for _ in range(46):
             at, thick = uniforms(rng, (0.0, width), (0.0004, 0.0012))
             low, high = sorted(rng.uniform(0.18 * whole, 0.80 * whole, 2).tolist())
-            streak = (np.abs(x - at) < thick) & canvas.between(low, high)
-            canvas.paint(streak * np.clip(0.15 + shadow, 0.0, 0.6), (0.86, 0.50, 0.18))
+            rows = (y[:, 0] > low) & (y[:, 0] < high)
+            canvas.paint_rectangle(rows, np.abs(x[0] - at) < thick, weight, (0.86, 0.50, 0.18))
     else:
         u, v, du, dv = (0.68, 0.60, 0.17, 0.20) if color == "yellow" else (0.35, 0.62, 0.22, 0.22)
         sun = np.exp(-(((x - u * width) / (du * width)) ** 2 + ((y - v * whole) / (dv * whole)) ** 2))
