@@ -67,7 +67,10 @@ class KindIndex:
             raise _damaged(folder / _ROWS, "names kinds without texts")
         order = np.argsort(self.table["kind"], kind="stable")
         self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
-        self._kinds, self._starts = np.unique(self.table["kind"][order], return_index=True)
+        self._kinds, starts, self._totals = np.unique(self.table["kind"][order], return_index=True, return_counts=True)
+        # The texts of each kind in a row of a table, filled up with the number of texts, where a cosine of -2 is added.
+        places = starts[:, None] + np.arange(max(_COUNTED, self._totals.max(initial=0)))
+        self._texts = np.where(places < (starts + self._totals)[:, None], places, len(order))
         self._size = int(listed[-1]) + 1 if len(listed) else 0
 
     def likeness(self, asked: np.ndarray, head: np.ndarray) -> np.ndarray:
@@ -79,14 +82,16 @@ class KindIndex:
         """
         found = np.full(self._size, -1.0, np.float32)
         if len(self._kinds):
-            best = np.max([self._nearest(vector) for vector in asked], axis=0)
-            found[self._kinds] = (1.0 - HEAD_SHARE) * best + HEAD_SHARE * self._nearest(head)
+            *near, near_head = self._nearest(np.vstack([asked, head]))
+            found[self._kinds] = (1.0 - HEAD_SHARE) * np.max(near, axis=0) + HEAD_SHARE * near_head
         return found
 
-    def _nearest(self, vector: np.ndarray) -> np.ndarray:
-        """Return the mean cosine of the nearest texts of each kind."""
-        parts = np.split(self._vectors @ vector, self._starts[1:])
-        return np.array([np.sort(part)[-_COUNTED:].mean() for part in parts], np.float32)
+    def _nearest(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the mean cosine of the nearest texts of each kind with each vector (m, dimension): (m, kinds)."""
+        cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
+        nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
+        counted = np.minimum(self._totals, _COUNTED)
+        return np.where(nearest >= -1.5, nearest, 0.0).sum(axis=2) / counted
 
     def places(self, kind: int) -> np.ndarray:
         """Return the indices of the rows of a kind, ascending."""
