@@ -17,7 +17,7 @@ from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
-from betterbench.sim.assets.catalogue.kind_vectors import KindIndex
+from betterbench.sim.assets.catalogue.kind_vectors import WORDS_SHARE, KindIndex
 from betterbench.sim.assets.catalogue.store import Store, WordMatch
 from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
@@ -221,7 +221,7 @@ class Catalogue:
         by_words = self._by_words(asked, admitted, depth) if words else []
         if not meaning or self._index is None:
             return self._hits(_word_scores(by_words), {}, by_words, limit)
-        by_meaning = self._by_meaning(asked, admitted, depth, [row for row, _ in by_words])
+        by_meaning = self._by_meaning(asked, admitted, depth, dict(by_words))
         return self._hits(_fused(by_words, by_meaning), by_meaning, by_words, limit)
 
     def _hits(
@@ -265,14 +265,14 @@ class Catalogue:
 
     # ------------------------------------------------------------------------------------------------------ meaning
 
-    def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Sequence[int]) -> dict[int, _Near]:
+    def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
         """Return rows with their nearness in meaning: the nearest, those of the best kinds, and other given rows.
 
         Args:
             query: The query.
             filters: Filters of the search.
             depth: Number of rows nearest by their own text, and of rows of each of the best kinds.
-            also: Numbers of other rows, which pass the filters.
+            also: Numbers of other rows, which pass the filters, with the share of the query's words that they contain.
         """
         if self._index is None or self._kinds is None or self._open_encoder is None:
             return {}
@@ -282,16 +282,19 @@ class Catalogue:
         *vectors, head = self._encoder.encode([*query.readings, query.head])
         readings = np.array(vectors)
         asked = readings[[query.readings.index(text) for text in query.asked]]
-        likeness = kinds.likeness(asked, head)
+        likeness = kinds.likeness(asked, head, query.words)
         mask = self._mask(index, filters)
-        found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, also)]
+        found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, sorted(also))]
         for kind in np.argsort(-likeness, kind="stable")[:_BEST_KINDS].tolist():
             found.append(index.nearest(asked, mask, depth, among=kinds.places(kind))[0])
         places = np.unique(np.concatenate(found).astype(np.int64))
         cosines = index.cosines(readings, places)
         own = kinds.rows[places]
         # The name of an object is like a short description: a row without a kind is compared by its own text.
-        near = np.where(own >= 0, likeness[own], cosines) if len(likeness) else cosines
+        shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
+        near = cosines + WORDS_SHARE * shares
+        if len(likeness):
+            near = np.where(own >= 0, likeness[own], near)
         order = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()}
 
@@ -314,7 +317,7 @@ class Catalogue:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """Nearness of a row to a query: similarity of its kind, and cosine of its own text, both in [-1, 1]."""
+    """Nearness of a row to a query: similarity of its kind, in [-1, 1.2], and cosine of its own text."""
 
     kind: float
     cosine: float
@@ -333,7 +336,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
 def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
     """Return a score in [0, 1] for each row, from meaning and words."""
     words = _word_scores(by_words)
-    largest = _KIND_SHARE + _OWN_SHARE + _WORDS_SHARE
+    largest = _KIND_SHARE * (1.0 + WORDS_SHARE) + _OWN_SHARE + _WORDS_SHARE
 
     def score(row: int, near: _Near) -> float:
         total = _KIND_SHARE * near.kind + _OWN_SHARE * near.cosine + _WORDS_SHARE * words.get(row, 0.0)

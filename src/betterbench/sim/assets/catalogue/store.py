@@ -315,9 +315,9 @@ class Store:
         # The inner query sorts row numbers alone: sorting the words of all matches takes longer.
         with self.checked():
             found = self._database.execute(
-                "SELECT best, words.name, words.tags, words.description, sources.name, faces, license, "
+                "SELECT best, words.name, words.tags, words.description, sources.name, faces, license, "  # noqa: S608
                 "max(size_x, size_y, size_z) FROM "
-                f"(SELECT rowid AS best FROM words WHERE words MATCH ? {order} LIMIT ?) "  # noqa: S608
+                f"(SELECT rowid AS best FROM words WHERE words MATCH ? {order} LIMIT ?) "
                 "JOIN words ON words.rowid = best JOIN assets ON assets.row = best "
                 "JOIN sources ON sources.number = assets.source",
                 (expression, limit),

@@ -6,6 +6,7 @@ search first compares sketches, and then the vectors of the best rows.
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -49,6 +50,11 @@ class Columns:
     sources: np.ndarray
     faces: np.ndarray
     sizes: np.ndarray
+
+
+def text_digest(text: str) -> bytes:
+    """Return the digest by which the vector of a text is found, 16 bytes."""
+    return hashlib.sha256(text.encode("utf-8", "replace")).digest()[:16]
 
 
 def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -213,10 +219,10 @@ class VectorIndex:
         def count_bits(part: slice) -> None:
             for start in range(part.start, part.stop, _SPREAD):
                 piece = slice(start, min(start + _SPREAD, part.stop))
-                for total, sketch in zip(differing[:, piece], sketches.T, strict=True):
-                    total[:] = 0 if excluded is None else excluded[piece]
+                differing[:, piece] = 0 if excluded is None else excluded[piece]
+                for query, sketch in enumerate(sketches.T):
                     for word, bits in zip(self._sketches, sketch, strict=True):
-                        total += np.bitwise_count(word[piece] ^ bits)
+                        differing[query, piece] += np.bitwise_count(word[piece] ^ bits)
 
         list(self._pool().map(count_bits, (slice(0, middle), slice(middle, self.count))))
         chosen = np.zeros(self.count, bool)
