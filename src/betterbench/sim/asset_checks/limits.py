@@ -22,6 +22,8 @@ OPEN_DEPTH_SHARE = 0.12
 """Least depth of the hollow of an open object as a share of its height, as in the importer."""
 OPEN_AREA_SHARE = 0.25
 """Least area of the hollow of an open object as a share of its footprint."""
+NECK_AREA_SHARE, NECK_DEPTH_SHARE = 0.1, 0.5
+"""The same for a tall kind with a neck, such as a vase: least area, and least depth as a share of its height."""
 ROUND_RATIO, LYING_RATIO = 1.06, 1.12
 """Largest ratio of the widths across an axis for an object that is round about this axis, and by how much the ratio
 about the vertical is larger if the object lies on its side. A square has 1.41."""

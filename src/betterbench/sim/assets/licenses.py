@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Literal
 
@@ -53,6 +54,7 @@ def license_name(text: str) -> str:
     return said
 
 
+@functools.lru_cache(maxsize=1024)
 def license_kind(name: str) -> LicenseKind:
     """Return the kind of a license from its usual name (:func:`license_name`)."""
     plain = _plain(name)

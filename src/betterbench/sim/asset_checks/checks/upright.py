@@ -37,7 +37,8 @@ def _open(subject: Subject) -> Finding:
     cavity = subject.cavity
     share = 0.0 if cavity is None else cavity.depth_m / float(subject.size_m[2])
     broad = 0.0 if cavity is None else float(cavity.mask.sum() / np.isfinite(cavity.tops).sum())
-    if broad < limits.OPEN_AREA_SHARE:
+    is_neck = subject.kind is not None and subject.kind.is_tall and share >= limits.NECK_DEPTH_SHARE
+    if broad < (limits.NECK_AREA_SHARE if is_neck else limits.OPEN_AREA_SHARE):
         share = 0.0
     said = f"a hollow that is open at the top takes {100 * share:.2g} % of its height"
     return at_least(share, limits.OPEN_DEPTH_SHARE, "share", said, f"A {_name(subject)} is open at the top. {_CURE}")

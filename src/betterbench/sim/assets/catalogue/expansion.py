@@ -20,7 +20,7 @@ a an the of for with without to in on at and or some any is are it its that this
 one two three few which who what be used use something object thing item want need find get show please made kind
 type piece sort model 3d put holding containing contains asset mesh like as has have place tool
 """
-_SAYS_LITTLE = frozenset(_LITTLE.split())
+SAYS_LITTLE = frozenset(_LITTLE.split())
 """Query words that are ignored."""
 _BEFORE_THE_VERB = """
 anything everything he how i it nothing one she something that they thing things this we what which who you
@@ -68,6 +68,7 @@ class Query:
         readings: Sentences for the search by meaning; the first is the query.
         asked: The query and the expander's descriptions, which are compared with the descriptions of kinds.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
+        words: Terms of the query that say something.
         colors: Colors that the query names.
     """
 
@@ -76,6 +77,7 @@ class Query:
     readings: tuple[str, ...]
     asked: tuple[str, ...]
     head: str
+    words: tuple[str, ...]
     colors: tuple[str, ...]
 
 
@@ -118,8 +120,8 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
         length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if _is_phrase(words, at, n, known)), 1)
         phrase = tuple(words[at : at + length])
         means = known.get(phrase, ())
-        if means or phrase[0] not in _SAYS_LITTLE:
-            own = tuple(word for word in phrase if word not in _SAYS_LITTLE)
+        if means or phrase[0] not in SAYS_LITTLE:
+            own = tuple(word for word in phrase if word not in SAYS_LITTLE)
             first = (((own or phrase), 1.0),)
             concepts.append(Concept(_weight(phrase, at, length, head), (*first, *means)))
         if means and length > 1:
@@ -132,7 +134,9 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
     further = [] if expander is None else [" ".join(said.split())[:400] for said in expander(text)]
     colors = tuple(word for word in words if word in COLORS)
     asked = tuple(dict.fromkeys([text, *further]))
-    return Query(text, tuple(concepts), tuple(dict.fromkeys([*readings, *further])), asked, _head_part(text), colors)
+    said = tuple(word for word in words if word not in SAYS_LITTLE)
+    every = tuple(dict.fromkeys([*readings, *further]))
+    return Query(text, tuple(concepts), every, asked, _head_part(text), said, colors)
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
@@ -152,7 +156,7 @@ def _head_part(text: str) -> str:
         said = terms(word)
         if named and word.lower() in AFTER_THE_HEAD and word.lower() != "of":
             return " ".join(words[:place])
-        named = named or any(one not in _SAYS_LITTLE for one in said)
+        named = named or any(one not in SAYS_LITTLE for one in said)
     return text
 
 
@@ -173,7 +177,7 @@ def _head(words: Sequence[str]) -> int:
             if word == "of" and words[head] in _MEASURES:
                 continue
             break
-        if word not in _SAYS_LITTLE and word not in COLORS:
+        if word not in SAYS_LITTLE and word not in COLORS:
             head = place
     return head
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +21,14 @@ from betterbench.sim.assets.catalogue.kind_vectors import KindIndex, write_kinds
 from betterbench.sim.assets.catalogue.kinds import kind_of, listed_kinds
 from betterbench.sim.assets.catalogue.sources.source import AssetSource
 from betterbench.sim.assets.catalogue.store import FILE, Store
-from betterbench.sim.assets.catalogue.vectors import FILES, VectorIndex, columns_of, quantized, write_vectors
+from betterbench.sim.assets.catalogue.vectors import (
+    FILES,
+    VectorIndex,
+    columns_of,
+    quantized,
+    text_digest,
+    write_vectors,
+)
 from betterbench.sim.assets.licenses import license_kind
 
 LICENSE_KINDS = ("free", "restricted", "unknown")
@@ -142,10 +148,6 @@ def _read_source(store: Store, source: AssetSource, report: IndexReport, on_prog
     report.removed += len(gone)
 
 
-def _digest(text: str) -> bytes:
-    return hashlib.sha256(text.encode("utf-8", "replace")).digest()[:16]
-
-
 class _Vectors:
     """Vectors by the digest of their text, from the last catalogue and from this job.
 
@@ -259,7 +261,7 @@ def _encode(store: Store, known: _Vectors, encoder: TextEncoder, report: IndexRe
             waiting.clear()
 
     for done, (_, _, entry) in enumerate(_all_rows(store), start=1):
-        digest = _digest(entry.text)
+        digest = text_digest(entry.text)
         if digest not in known:
             waiting[digest] = entry.text
         if len(waiting) == _BATCH:
@@ -284,7 +286,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
         size = entry.largest_m
         faces = -1 if entry.faces is None else min(entry.faces, 2**31 - 1)
         values.append((row, kind, source, faces, float("nan") if size is None else size))
-        digests.append(_digest(entry.text))
+        digests.append(text_digest(entry.text))
         kinds.append(kind_of(entry))
     _seal_kinds(folder, known, encoder, kinds)
 
@@ -300,7 +302,7 @@ def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Seque
     """Write the kinds of all rows, and the vectors of their texts, which are computed if they are not known."""
     listed = listed_kinds()
     texts = [(kind, text) for kind in sorted(set(rows) - {-1}) for text in listed[kind].texts]
-    digests = [_digest(text) for _, text in texts]
+    digests = [text_digest(text) for _, text in texts]
     new = {digest: text for digest, (_, text) in zip(digests, texts, strict=True) if digest not in known}
     for start in range(0, len(new), _BATCH):
         part = list(new)[start : start + _BATCH]

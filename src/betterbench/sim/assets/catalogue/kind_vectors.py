@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import functools
+import math
+import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,11 +13,18 @@ import numpy as np
 
 from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
+from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE
+from betterbench.sim.assets.catalogue.kinds import listed_kinds
+from betterbench.sim.assets.catalogue.terms import terms
+from betterbench.sim.assets.catalogue.vectors import text_digest
 
 HEAD_SHARE = 0.2
 """Weight of the head of a query in the similarity to a kind; the rest is the weight of the whole query."""
+WORDS_SHARE = 0.2
+"""Weight of the words that a query shares with the texts of a kind, beside the mean cosine."""
 _COUNTED = 2
 """Number of nearest texts of a kind in the mean cosine, which worked better than the largest cosine."""
+_ENDING, _LONG = re.compile(r"(ing|ed|er|e|y)$"), 4
 _ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
 
 
@@ -67,26 +77,42 @@ class KindIndex:
             raise _damaged(folder / _ROWS, "names kinds without texts")
         order = np.argsort(self.table["kind"], kind="stable")
         self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
-        self._kinds, self._starts = np.unique(self.table["kind"][order], return_index=True)
+        self._kinds, starts, self._totals = np.unique(self.table["kind"][order], return_index=True, return_counts=True)
+        # The texts of each kind in a row of a table, filled up with the number of texts, where a cosine of -2 is added.
+        places = starts[:, None] + np.arange(max(_COUNTED, self._totals.max(initial=0)))
+        self._texts = np.where(places < (starts + self._totals)[:, None], places, len(order))
         self._size = int(listed[-1]) + 1 if len(listed) else 0
+        self._words = _stems_of(self._kinds, self.table)
+        found = Counter(stem for stems in self._words for stem in stems)
+        self._rarity = {stem: math.log(1.0 + len(self._words) / total) for stem, total in found.items()}
 
-    def likeness(self, asked: np.ndarray, head: np.ndarray) -> np.ndarray:
-        """Return the similarity of a query to each kind, (kinds,) float32 in [-1, 1]; -1 for a kind without rows.
+    def likeness(self, asked: np.ndarray, head: np.ndarray, words: Sequence[str]) -> np.ndarray:
+        """Return the similarity of a query to each kind, (kinds,) float32; -1 for a kind without rows.
 
         Args:
             asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest vector is used.
             head: Unit vector of the head of the query, (dimension,).
+            words: Terms of the query.
         """
         found = np.full(self._size, -1.0, np.float32)
         if len(self._kinds):
-            best = np.max([self._nearest(vector) for vector in asked], axis=0)
-            found[self._kinds] = (1.0 - HEAD_SHARE) * best + HEAD_SHARE * self._nearest(head)
+            *near, near_head = self._nearest(np.vstack([asked, head]))
+            found[self._kinds] = (1.0 - HEAD_SHARE) * np.max(near, axis=0) + HEAD_SHARE * near_head
+            found[self._kinds] += WORDS_SHARE * self._shared(words)
         return found
 
-    def _nearest(self, vector: np.ndarray) -> np.ndarray:
-        """Return the mean cosine of the nearest texts of each kind."""
-        parts = np.split(self._vectors @ vector, self._starts[1:])
-        return np.array([np.sort(part)[-_COUNTED:].mean() for part in parts], np.float32)
+    def _shared(self, words: Sequence[str]) -> np.ndarray:
+        """Return the share of a query's words that the texts of each kind contain, (kinds,), rare words weigh more."""
+        rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
+        total = max(sum(rarity.values()), 1e-9)
+        return np.array([sum(rarity[stem] for stem in rarity if stem in own) / total for own in self._words])
+
+    def _nearest(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the mean cosine of the nearest texts of each kind with each vector (m, dimension): (m, kinds)."""
+        cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
+        nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
+        counted = np.minimum(self._totals, _COUNTED)
+        return np.where(nearest >= -1.5, nearest, 0.0).sum(axis=2) / counted
 
     def places(self, kind: int) -> np.ndarray:
         """Return the indices of the rows of a kind, ascending."""
@@ -98,6 +124,21 @@ class KindIndex:
         """Indices of the rows sorted by kind, and the start of each kind; kind -1 is the first."""
         order = np.argsort(self.rows, kind="stable")
         return order, np.searchsorted(self.rows[order], np.arange(-1, self._size + 1))
+
+
+def _stems_of(kinds: np.ndarray, table: np.ndarray) -> list[frozenset[str]]:
+    """Return the stems of the words of each kind, from the texts of the list that the table has the vectors of."""
+    known = {text_digest(text): text for kind in listed_kinds() for text in kind.texts}
+    texts = [known.get(digest.tobytes(), "") for digest in table["digest"]]
+    words = {int(kind): set[str]() for kind in kinds}
+    for kind, text in zip(table["kind"].tolist(), texts, strict=True):
+        words[kind] |= {_stem(term) for term in terms(text) if term not in SAYS_LITTLE}
+    return [frozenset(words[int(kind)]) for kind in kinds]
+
+
+def _stem(word: str) -> str:
+    """Return a word without the ending of its verb forms: "squeezed" and "squeeze" are one word."""
+    return _ENDING.sub("", word) if len(word) > _LONG else word
 
 
 def _load(path: Path) -> np.ndarray:

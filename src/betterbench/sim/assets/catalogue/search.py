@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +17,8 @@ from betterbench.sim.assets.catalogue.encoders.encoder import TextEncoder
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import Concept, Expander, Query, understood
 from betterbench.sim.assets.catalogue.indexing import LICENSE_KINDS
-from betterbench.sim.assets.catalogue.kind_vectors import KindIndex
-from betterbench.sim.assets.catalogue.store import Store
+from betterbench.sim.assets.catalogue.kind_vectors import WORDS_SHARE, KindIndex
+from betterbench.sim.assets.catalogue.store import Store, WordMatch
 from betterbench.sim.assets.catalogue.vectors import VectorIndex
 from betterbench.sim.assets.licenses import LicenseFilter, license_kind
 
@@ -61,13 +62,13 @@ class Filters:
     max_size_m: float | None = None
     min_size_m: float | None = None
 
-    def admits(self, entry: CatalogueEntry) -> bool:
-        """Return whether an asset passes the filters."""
-        size = entry.largest_m
+    def admits(self, match: WordMatch) -> bool:
+        """Return whether a row passes the filters."""
+        size = match.largest_m
         return not (
-            (self.license == "free" and license_kind(entry.license) != "free")
-            or (self.source and entry.source != self.source)
-            or (self.max_faces is not None and (entry.faces is None or entry.faces > self.max_faces))
+            (self.license == "free" and license_kind(match.license) != "free")
+            or (self.source and match.source != self.source)
+            or (self.max_faces is not None and (match.faces is None or match.faces > self.max_faces))
             or (self.max_size_m is not None and (size is None or size > self.max_size_m))
             or (self.min_size_m is not None and (size is None or size < self.min_size_m))
         )
@@ -220,7 +221,7 @@ class Catalogue:
         by_words = self._by_words(asked, admitted, depth) if words else []
         if not meaning or self._index is None:
             return self._hits(_word_scores(by_words), {}, by_words, limit)
-        by_meaning = self._by_meaning(asked, admitted, depth, [row for row, _ in by_words])
+        by_meaning = self._by_meaning(asked, admitted, depth, dict(by_words))
         return self._hits(_fused(by_words, by_meaning), by_meaning, by_words, limit)
 
     def _hits(
@@ -253,25 +254,25 @@ class Catalogue:
         fetched = _FETCHED
         while True:
             found = self._store.matching(expression, fetched, ranked=ranked)
-            entries = self._store.rows([row for row, *_ in found])
-            passing = [line for line in found if line[0] in entries and filters.admits(entries[line[0]])]
+            passing = [match for match in found if filters.admits(match)]
             if len(passing) >= depth or len(found) < fetched or fetched >= 16 * _FETCHED:
                 break
             fetched *= 4
-        scored = [(line[0], *_word_score(query.concepts, line[1:], frequencies, self.count)) for line in passing]
+        weighed = _weighed(query.concepts, frequencies, self.count)
+        scored = [(match.row, *_word_score(weighed, match.fields)) for match in passing]
         scored.sort(key=lambda found: (-found[1], found[0]))
         return [(row, covered) for row, score, covered in scored if score > 0.0][:depth]
 
     # ------------------------------------------------------------------------------------------------------ meaning
 
-    def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Sequence[int]) -> dict[int, _Near]:
+    def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
         """Return rows with their nearness in meaning: the nearest, those of the best kinds, and other given rows.
 
         Args:
             query: The query.
             filters: Filters of the search.
             depth: Number of rows nearest by their own text, and of rows of each of the best kinds.
-            also: Numbers of other rows, which pass the filters.
+            also: Numbers of other rows, which pass the filters, with the share of the query's words that they contain.
         """
         if self._index is None or self._kinds is None or self._open_encoder is None:
             return {}
@@ -281,16 +282,19 @@ class Catalogue:
         *vectors, head = self._encoder.encode([*query.readings, query.head])
         readings = np.array(vectors)
         asked = readings[[query.readings.index(text) for text in query.asked]]
-        likeness = kinds.likeness(asked, head)
+        likeness = kinds.likeness(asked, head, query.words)
         mask = self._mask(index, filters)
-        found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, also)]
+        found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, sorted(also))]
         for kind in np.argsort(-likeness, kind="stable")[:_BEST_KINDS].tolist():
             found.append(index.nearest(asked, mask, depth, among=kinds.places(kind))[0])
         places = np.unique(np.concatenate(found).astype(np.int64))
         cosines = index.cosines(readings, places)
         own = kinds.rows[places]
         # The name of an object is like a short description: a row without a kind is compared by its own text.
-        near = np.where(own >= 0, likeness[own], cosines) if len(likeness) else cosines
+        shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
+        near = cosines + WORDS_SHARE * shares
+        if len(likeness):
+            near = np.where(own >= 0, likeness[own], near)
         order = np.lexsort((places, -(_KIND_SHARE * near + _OWN_SHARE * cosines)))
         return {int(index.columns.rows[places[i]]): _Near(float(near[i]), float(cosines[i])) for i in order.tolist()}
 
@@ -302,17 +306,18 @@ class Catalogue:
         if filters.source:
             parts.append(columns.sources == self._numbers[filters.source])
         if filters.max_faces is not None:
-            parts.append((columns.faces >= 0) & (columns.faces <= filters.max_faces))
+            # As unsigned numbers, unknown numbers of triangles (-1) are the largest.
+            parts.append(columns.faces.view(np.uint32) <= min(filters.max_faces, 2**31 - 1))
         if filters.max_size_m is not None:
             parts.append(columns.sizes <= filters.max_size_m)
         if filters.min_size_m is not None:
             parts.append(columns.sizes >= filters.min_size_m)
-        return np.logical_and.reduce(parts) if parts else None
+        return functools.reduce(np.logical_and, parts) if parts else None
 
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """Nearness of a row to a query: similarity of its kind, and cosine of its own text, both in [-1, 1]."""
+    """Nearness of a row to a query: similarity of its kind, in [-1, 1.2], and cosine of its own text."""
 
     kind: float
     cosine: float
@@ -331,7 +336,7 @@ def _word_scores(by_words: Sequence[tuple[int, float]]) -> dict[int, float]:
 def _fused(by_words: Sequence[tuple[int, float]], by_meaning: Mapping[int, _Near]) -> dict[int, float]:
     """Return a score in [0, 1] for each row, from meaning and words."""
     words = _word_scores(by_words)
-    largest = _KIND_SHARE + _OWN_SHARE + _WORDS_SHARE
+    largest = _KIND_SHARE * (1.0 + WORDS_SHARE) + _OWN_SHARE + _WORDS_SHARE
 
     def score(row: int, near: _Near) -> float:
         total = _KIND_SHARE * near.kind + _OWN_SHARE * near.cosine + _WORDS_SHARE * words.get(row, 0.0)
@@ -373,27 +378,54 @@ def _expression(frequencies: dict[str, int]) -> tuple[str, bool]:
     return " AND ".join(f'"{word}"' for word in ordered[:2]) if len(ordered) > 1 else f'"{chosen[0]}"', False
 
 
-def _word_score(
-    concepts: Sequence[Concept], fields: Sequence[str], frequencies: dict[str, int], count: int
-) -> tuple[float, float]:
+@dataclass(frozen=True, slots=True)
+class _Weighed:
+    """A concept whose phrases occur in the catalogue.
+
+    Attributes:
+        weight: Weight of the concept.
+        phrases: Words, weight and rarity of each phrase.
+    """
+
+    weight: float
+    phrases: tuple[tuple[tuple[str, ...], float, float], ...]
+
+
+def _weighed(concepts: Sequence[Concept], frequencies: Mapping[str, int], count: int) -> list[_Weighed]:
+    """Return the concepts with the phrases whose words all occur in the catalogue of ``count`` rows."""
+
+    def rarity(phrase: Sequence[str]) -> float:
+        return math.log(1.0 + count / max(min(frequencies[word] for word in phrase), 1))
+
+    return [
+        _Weighed(
+            concept.weight,
+            tuple(
+                (phrase, weight, rarity(phrase))
+                for phrase, weight in concept.alternatives
+                if all(word in frequencies for word in phrase)
+            ),
+        )
+        for concept in concepts
+    ]
+
+
+def _word_score(concepts: Sequence[_Weighed], fields: Sequence[str]) -> tuple[float, float]:
     """Return a score for a row's words, and the fraction of the query that the row contains.
 
     For each concept, the best phrase in the best field is used.
     """
     words = [field.split() for field in fields]
     sets = [set(field) for field in words]
-    length = len(words[0])
+    length = max(len(words[0]), 1)
     total = covered = 0.0
     for concept in concepts:
         best = present = 0.0
-        for phrase, weight in concept.alternatives:
-            if any(word not in frequencies for word in phrase):
-                continue
-            rarity = math.log(1.0 + count / max(min(frequencies[word] for word in phrase), 1))
+        for phrase, weight, rarity in concept.phrases:
             for share, own in zip(_FIELDS, sets, strict=True):
                 if own.issuperset(phrase):
                     # A name with few other words is the object itself: "apple" before "apple pie".
-                    focus = 1.0 if share < 1.0 else 0.7 + 0.3 * len(phrase) / max(length, 1)
+                    focus = 1.0 if share < 1.0 else 0.7 + 0.3 * len(phrase) / length
                     best = max(best, weight * share * rarity * focus)
                     present = max(present, weight)
                     break

@@ -6,6 +6,7 @@ import contextlib
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -39,6 +40,27 @@ _COLUMNS = (
     "row, id, sources.name AS source_name, content_hash, path, assets.name AS name, tags, description, category, "
     "color, size_x, size_y, size_z, faces, license, author, variants"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class WordMatch:
+    """A row that matches words, with its columns for filters.
+
+    Attributes:
+        row: Row number.
+        fields: Words of the name, of the tags and of the description, as terms separated by blanks.
+        source: Source name.
+        faces: Number of triangles, None if unknown.
+        license: License name, empty if unknown.
+        largest_m: Largest extent [m], None if unknown.
+    """
+
+    row: int
+    fields: tuple[str, str, str]
+    source: str
+    faces: int | None
+    license: str
+    largest_m: float | None
 
 
 class Store:
@@ -287,12 +309,17 @@ class Store:
                     found[word] = int(line[0])
         return found
 
-    def matching(self, expression: str, limit: int, *, ranked: bool) -> list[tuple[int, str, str, str]]:
-        """Return the row number and words of the best or first rows that match an FTS5 expression."""
+    def matching(self, expression: str, limit: int, *, ranked: bool) -> list[WordMatch]:
+        """Return the best or first rows that match an FTS5 expression, in no particular order."""
         order = "ORDER BY bm25(words, 6.0, 3.0, 1.0), rowid" if ranked else "ORDER BY rowid"
+        # The inner query sorts row numbers alone: sorting the words of all matches takes longer.
         with self.checked():
             found = self._database.execute(
-                f"SELECT rowid, name, tags, description FROM words WHERE words MATCH ? {order} LIMIT ?",  # noqa: S608
+                "SELECT best, words.name, words.tags, words.description, sources.name, faces, license, "  # noqa: S608
+                "max(size_x, size_y, size_z) FROM "
+                f"(SELECT rowid AS best FROM words WHERE words MATCH ? {order} LIMIT ?) "
+                "JOIN words ON words.rowid = best JOIN assets ON assets.row = best "
+                "JOIN sources ON sources.number = assets.source",
                 (expression, limit),
             ).fetchall()
-        return [tuple(line) for line in found]
+        return [WordMatch(line[0], line[1:4], *line[4:]) for line in found]

@@ -6,6 +6,7 @@ search first compares sketches, and then the vectors of the best rows.
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,9 +21,13 @@ from betterbench.jobs.durable import DurableFile
 EXACT_ROWS = 20_000
 """Largest number of rows for which a search compares every vector."""
 RERANKED = 2_000
-"""Number of rows whose vectors are compared after the sketches."""
+"""Number of rows whose vectors are compared after the sketches of all rows."""
+RERANKED_AMONG = 500
+"""The same after the sketches of given rows, such as the 18,000 rows of a frequent kind among 800,000."""
 _SPREAD = 1 << 16
-"""Number of rows per batch when files are written."""
+"""Number of rows per batch when files are written, and when sketches are compared."""
+_EXCLUDED = np.uint16(1 << 15)
+"""Number of differing bits that marks a row outside the filters."""
 
 FILES = ("vectors", "scales", "sketches", "rows", "digests", "licenses", "sources", "faces", "sizes")
 """Names of the files, without their ending .npy."""
@@ -45,6 +50,11 @@ class Columns:
     sources: np.ndarray
     faces: np.ndarray
     sizes: np.ndarray
+
+
+def text_digest(text: str) -> bytes:
+    """Return the digest by which the vector of a text is found, 16 bytes."""
+    return hashlib.sha256(text.encode("utf-8", "replace")).digest()[:16]
 
 
 def quantized(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,13 +184,13 @@ class VectorIndex:
         """
         if among is not None:
             passing = among if allowed is None else among[allowed[among]]
-            few = exact or len(passing) <= max(RERANKED, limit)
-            places = passing if few else self._candidates_among(queries, passing, max(RERANKED, limit))
+            wanted = max(RERANKED_AMONG, limit)
+            few = exact or len(passing) <= wanted
+            places = passing if few else self._candidates_among(queries, passing, wanted)
         elif exact or self.count <= EXACT_ROWS:
             places = np.arange(self.count) if allowed is None else np.flatnonzero(allowed)
         else:
-            found = [self._candidates(query, allowed, max(RERANKED, limit)) for query in queries]
-            places = np.unique(np.concatenate(found))
+            places = self._candidates(queries, allowed, max(RERANKED, limit))
         cosines = self.cosines(queries, places)
         if len(places) > limit:
             kept = np.argpartition(-cosines, limit - 1)
@@ -198,26 +208,28 @@ class VectorIndex:
         near = (self._vectors[places].astype(np.float32) @ queries.T).max(axis=1)
         return np.asarray(near * self._scales[places])
 
-    def _candidates(self, query: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
-        """Return at least the requested number of indices, those whose sketches differ least from a vector's sketch."""
-        sketch = _sketches(query[None], self._center)[:, 0]
-        differing = np.empty(self.count, np.uint16)
+    def _candidates(self, queries: np.ndarray, allowed: np.ndarray | None, wanted: int) -> np.ndarray:
+        """Return at least the requested number of indices for each vector, those with the most similar sketches."""
+        sketches = _sketches(queries, self._center)
+        differing = np.empty((len(queries), self.count), np.uint16)
+        # Arithmetic on the mask takes 0.2 ms for 800,000 rows; an assignment through the mask takes 4 ms.
+        excluded = None if allowed is None else (~allowed).astype(np.uint16) * _EXCLUDED
         middle = self.count // 2
 
         def count_bits(part: slice) -> None:
             for start in range(part.start, part.stop, _SPREAD):
                 piece = slice(start, min(start + _SPREAD, part.stop))
-                total = np.zeros(piece.stop - piece.start, np.uint16)
-                for word, bits in zip(self._sketches, sketch, strict=True):
-                    total += np.bitwise_count(word[piece] ^ bits)
-                if allowed is not None:
-                    total[~allowed[piece]] = 65535
-                differing[piece] = total
+                differing[:, piece] = 0 if excluded is None else excluded[piece]
+                for query, sketch in enumerate(sketches.T):
+                    for word, bits in zip(self._sketches, sketch, strict=True):
+                        differing[query, piece] += np.bitwise_count(word[piece] ^ bits)
 
         list(self._pool().map(count_bits, (slice(0, middle), slice(middle, self.count))))
-        counts = np.bincount(np.minimum(differing, 64 * len(sketch) + 1), minlength=64 * len(sketch) + 2)[:-1]
-        reached = int(np.searchsorted(np.cumsum(counts), wanted))
-        return np.flatnonzero(differing <= min(reached, len(counts) - 1))
+        chosen = np.zeros(self.count, bool)
+        for total in differing:
+            reached = np.partition(total, wanted - 1)[wanted - 1]
+            chosen |= total <= min(reached, _EXCLUDED - 1)
+        return np.flatnonzero(chosen)
 
     def _candidates_among(self, queries: np.ndarray, places: np.ndarray, wanted: int) -> np.ndarray:
         """Return the requested number of indices, or more, with the sketches nearest to the sketch of any vector."""

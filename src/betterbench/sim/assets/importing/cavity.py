@@ -15,6 +15,8 @@ _LEAST_DEPTH_SHARE = 0.12
 """A hollow that is shallower than this share of the object's height is a dent."""
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
+_GAP_M, _LEAST_GAPS = 0.012, 12
+"""Width of a gap that objects do not fall through [m], and the number of such gaps in a grid; a leak has fewer."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
@@ -58,7 +60,7 @@ def tops_of(solid: Solid) -> np.ndarray:
 
 def cavity_of(solid: Solid) -> Cavity | None:
     """Return the hollow of an object in its current pose, or None if the hollow holds hardly any water."""
-    tops = tops_of(solid)
+    tops = _without_gaps(tops_of(solid), solid.pitch_m)
     level = _water(tops)
     # Empty columns are never under water: their level and their height are both -inf.
     depth = np.where(np.isfinite(tops), level - np.where(np.isfinite(tops), tops, 0.0), 0.0)
@@ -74,6 +76,22 @@ def cavity_of(solid: Solid) -> Cavity | None:
         return None
     rim, floor = float(np.max(level[mask])), float(np.quantile(tops[mask], _PITS))
     return Cavity(mask, tops, rim, floor, float(volumes[best - 1]))
+
+
+def _without_gaps(tops: np.ndarray, pitch_m: float) -> np.ndarray:
+    """Return heights in which the gaps of a grid have the height of its bars: objects stay in a wire basket."""
+    footprint = np.isfinite(tops)
+    gaps = ndimage.binary_fill_holes(footprint) & ~footprint
+    labels, count = ndimage.label(gaps)
+    if count < _LEAST_GAPS:
+        return tops
+    reach, nearest = ndimage.distance_transform_edt(gaps, return_indices=True)
+    widths = 2.0 * pitch_m * ndimage.maximum(reach, labels, range(1, count + 1))
+    narrow = np.flatnonzero(widths < _GAP_M + pitch_m) + 1
+    if len(narrow) < _LEAST_GAPS:
+        return tops
+    filled = np.isin(labels, narrow)
+    return np.where(filled, tops[tuple(nearest)], tops)
 
 
 def _water(tops: np.ndarray) -> np.ndarray:

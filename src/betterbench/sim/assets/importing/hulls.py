@@ -28,6 +28,10 @@ _THICK_FLOOR = 0.25
 """Height of the floor of a hollow, as a share of the height of the object, from which the floor may be a base."""
 _MOSTLY_FREE = 0.3
 """Fraction of a hollow that a decomposition may fill."""
+_LITTLE_FILLED = 0.1
+"""Fraction of a hollow that bands of floor and wall may fill without another division being tried."""
+_CLOSE_RINGS_M, _OUTLINE = 0.004, 25
+"""Distance from the surface up to which rings are not tried [m], and the number of levels of the outline."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0005
@@ -83,20 +87,30 @@ def convex_hulls(
 
 
 def _hollow_hulls(solid: Solid, cavity: Cavity) -> tuple[list[np.ndarray], Fit]:
-    """Return the hulls of a hollow object: bands of floor and walls, or a base with walls where this fits better.
+    """Return the hulls of a hollow object: bands of floor and walls, or another division where this fits better.
 
-    A base is tried if the floor is thick: a plate with a foot, or a bowl of soup, whose hollow begins at the soup.
+    A base with walls is tried if the floor is thick (a plate with a foot, or a bowl of soup, whose hollow begins at the
+    soup), or if the bands fill the hollow (a wide shallow tray). Rings are tried if the bands reach beyond the surface
+    (a vase with a waist).
     """
     body = _body_of(solid, cavity)
     rest = solid.cells & ~body.near[:, :, None]
     attached = _attached(solid, rest) if rest.any() else []
-    options = [_walls(solid, cavity, body)]
-    if cavity.floor_m > _THICK_FLOOR * float(np.ptp(solid.points[:, 2])):
-        options.append(_base_and_walls(solid, cavity, body))
-    fitted = [(hulls + attached, fit_of(hulls + attached, solid)) for hulls in options if hulls]
-    if len(fitted) == 1:
-        return fitted[0]
-    return min(fitted, key=lambda o: _misfit(o[1]) + cavity.depth_m * filled_share(o[0], solid, cavity))
+
+    def fitted(hulls: list[np.ndarray]) -> tuple[float, list[np.ndarray], Fit]:
+        hulls = hulls + attached
+        fit, filled = fit_of(hulls, solid), filled_share(hulls, solid, cavity)
+        return _misfit(fit) + cavity.depth_m * filled, hulls, fit
+
+    options = [fitted(_walls(solid, cavity, body))]
+    sides = np.sort(np.ptp(solid.points, axis=0))
+    is_full = filled_share(options[0][1], solid, cavity) > _LITTLE_FILLED
+    if is_full or cavity.floor_m > _THICK_FLOOR * float(np.ptp(solid.points[:, 2])):
+        options.append(fitted(_base_and_walls(solid, cavity, body)))
+    if min(fit.outside_m for _, _, fit in options) > max(_CLOSE_RINGS_M, _CLOSE_MIDDLE_SHARE * float(sides[1])):
+        options.append(fitted(_rings(solid, cavity, body)))
+    _, hulls, fit = min(options, key=lambda option: option[0])
+    return hulls, fit
 
 
 def _misfit(fit: Fit) -> float:
@@ -216,16 +230,44 @@ def _base_and_walls(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarra
     return [found for group in groups if (found := hull_corners(body.points[group])) is not None]
 
 
+def _rings(solid: Solid, cavity: Cavity, body: _Body) -> list[np.ndarray]:
+    """Return one hull up to the floor of the hollow, and the wall above it in rings between bends of its outline."""
+    heights = body.points[:, 2]
+    low, high = cavity.floor_m, float(heights.max())
+    radius = np.hypot(*(body.points[:, :2] - body.center).T)
+    levels = np.linspace(low, high, _OUTLINE)
+    layer = np.clip(np.searchsorted(levels, heights) - 1, 0, _OUTLINE - 2)
+    outline = np.array([radius[layer == k].max(initial=0.0) for k in range(_OUTLINE - 1)])
+    cuts = levels[np.array(_bends(outline))]
+    groups = [heights <= low + solid.pitch_m]
+    for below, above in itertools.pairwise((low, *cuts, high)):
+        ring = (heights >= below) & (heights <= above)
+        groups += [ring & (body.sector == k) for k in np.unique(body.sector)]
+    return [found for group in groups if (found := hull_corners(body.points[group])) is not None]
+
+
+def _bends(outline: np.ndarray) -> tuple[int, ...]:
+    """Return the two indices between which straight lines are closest to an outline (n,)."""
+
+    def bulge(a: int, b: int) -> float:
+        part = outline[a : b + 1]
+        return float(np.abs(part - np.linspace(part[0], part[-1], len(part))).max())
+
+    last = len(outline) - 1
+    pairs = itertools.combinations(range(1, last), 2)
+    return min(pairs, key=lambda pair: max(bulge(a, b) for a, b in itertools.pairwise((0, *pair, last))))
+
+
 def filled_share(hulls: Sequence[np.ndarray], solid: Solid, cavity: Cavity) -> float:
     """Return the fraction of a hollow that hulls fill."""
     columns = np.argwhere(cavity.mask)
     xy = solid.origin[:2] + (columns + 0.5) * solid.pitch_m
-    low = cavity.tops[tuple(columns.T)] + 1.5 * solid.pitch_m
+    low = cavity.tops[tuple(columns.T)] + min(1.5 * solid.pitch_m, 0.25 * cavity.depth_m)
     points = np.concatenate([np.column_stack([xy, low + share * (cavity.rim_m - low)]) for share in (0.1, 0.4, 0.7)])
     points = points[points[:, 2] < cavity.rim_m]
     inside = np.zeros(len(points), bool)
     for corners in hulls:
-        inside |= inside_hull(ConvexHull(corners), points, 0.5 * solid.pitch_m)
+        inside |= inside_hull(ConvexHull(corners), points, min(0.5 * solid.pitch_m, 0.1 * cavity.depth_m))
     return float(inside.mean()) if len(points) else 0.0
 
 
