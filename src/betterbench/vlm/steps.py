@@ -35,8 +35,10 @@ FACTORS = {
     "prompt": "prompt",
     "coordinates": "coordinates",
     "extractor": "extractor",
+    "max_tokens": "longest answer",
 }
 """Settings of a run that may explain a difference, with their words."""
+_ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,10 @@ class Step:
         text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
         if len(self.changed) > 1:
             text += f" {' and '.join(self.changed)} changed together, so the step does not tell which one explains it."
+        elif not self.changed:
+            text += " No setting changed, so the two runs repeat each other."
+        elif self.changed[0] not in _ABOUT_THE_MODEL:
+            text += f" Only the {self.changed[0]} changed, so the step does not compare models."
         return text
 
     def to_json(self) -> dict[str, Any]:

@@ -83,6 +83,8 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
     lines = [f"{benchmark.title}: {percent_of(score.headline[column])} % ({score.rule})."]
     macro = [f"{kind} {percent_of(means[column])} %" for kind, means in score.macro.items()]
     lines.append(f"Macro means: {', '.join(macro)}.")
+    if run.completeness.sentence:
+        lines.append(run.completeness.sentence)
     everything = score.all
     if everything.answered < everything.n:
         rest = (
@@ -93,6 +95,11 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
         lines.append(f"{everything.n - everything.answered} of {everything.n} items have no answer and count 0.{rest}")
     if run.refused:
         lines.append(f"The server rejected {run.refused} requests; {run.path / 'answers.jsonl'} has the reasons.")
+    lines += run.requests.sentences
+    if run.prices is not None:
+        lines.append(run.requests.cost_sentence(run.prices))
+    if run.extractor_requests is not None and run.extractor_requests.answers:
+        lines += [f"Extractor: {line[:1].lower() + line[1:]}" for line in run.extractor_requests.sentences]
     if run.extracted is not None:
         share = percent_of(Fraction(score.changed, everything.n), 1)
         lines.append(f"The extractor changed {score.changed} of {everything.n} scores ({share} %).")
