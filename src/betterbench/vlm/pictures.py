@@ -53,8 +53,9 @@ def not_a_picture(where: str, error: Exception) -> InvalidInputError:
 def require_whole(data: bytes, where: str) -> None:
     """Raise InvalidInputError if a picture is too large, is cut off, or cannot be decoded.
 
-    Decoding takes most of the processor time of a request, so the checksums of a PNG file stand for its pixels, and a
-    JPEG file is decoded to its end at an eighth of its size (0.7 instead of 2.5 ms for 640 x 480 pixels).
+    Decoding takes most of the processor time of a request, so the checksums of a PNG file stand for its pixels (0.1
+    instead of 9 ms for 640 x 480 pixels), and a JPEG file is decoded to its end at an eighth of its size (0.6 instead
+    of 1.1 ms).
     """
     size_of(data, where)
     try:

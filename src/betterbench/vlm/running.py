@@ -173,9 +173,6 @@ def evaluate_model(
     with on_disk(out), job_folder(out):
         head = _begin(out, _head(benchmark, items, model, settings, extractor))
         _show(items, out)
-        completeness = completeness_of(benchmark, items)
-        if completeness.sentence:
-            logger.warning("%s", completeness.sentence)
         probed = _check_convention(items, model, out, settings, bar)
         answers = _asked(items, model, out, settings, bar)
         texts = {name: answer.text for name, answer in answers.answers.items()}
@@ -193,7 +190,7 @@ def evaluate_model(
             upstream,
             requests=totals_of([*probed, *answers.answers.values()]),
             extractor_requests=None if extracted is None else totals_of(extracted.answers.values()),
-            completeness=completeness,
+            completeness=completeness_of(benchmark, items),
             prices=settings.prices,
         )
         _write(run, items)

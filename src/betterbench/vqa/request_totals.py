@@ -49,7 +49,7 @@ class RequestTotals:
 
     @property
     def sent(self) -> int:
-        """Number of answers that the model gave for this run."""
+        """Number of answers that were neither cached nor rejected."""
         return self.answers - self.cached - self.rejected
 
     def cost(self, prices: Prices) -> float | None:
@@ -62,31 +62,32 @@ class RequestTotals:
         """Return a JSON-serializable dict."""
         return {**asdict(self), "retries": dict(self.retries)}
 
-    @property
-    def sentences(self) -> list[str]:
-        """The totals in words, without the cost."""
+    def sentences(self, who: str = "model") -> list[str]:
+        """Return the totals in words, without the cost, for requests to the model or the extractor."""
         found = []
         if self.cached:
             rest = "no request was sent" if self.cached == self.answers else "only the others were sent"
-            found.append(f"{self.cached:,} of {self.answers:,} answers come from the cache; {rest}.")
+            found.append(f"{self.cached:,} of {self.answers:,} answers of the {who} come from the cache; {rest}.")
         if self.retries:
             reasons = ", ".join(f"{reason} {count:,} ×" for reason, count in self.retries.items())
-            found.append(f"{self.retried:,} requests were repeated after failures ({reasons}).")
+            requests = "1 request" if self.retried == 1 else f"{self.retried:,} requests"
+            found.append(f"{requests} to the {who} had to be repeated ({reasons}).")
         if self.counted:
-            of = "" if self.counted == self.sent else f" for {self.counted:,} of {self.sent:,} answers"
-            found.append(f"Tokens: {self.prompt_tokens:,} in prompts, {self.completion_tokens:,} in answers{of}.")
+            of = "" if self.counted == self.sent else f", counted for {self.counted:,} of {self.sent:,} answers"
+            tokens = f"{self.prompt_tokens:,} in prompts, {self.completion_tokens:,} in answers"
+            found.append(f"Tokens of the {who}: {tokens}{of}.")
         elif self.sent:
-            found.append("Tokens: unknown, because the model reported no usage.")
+            found.append(f"The {who} reported no token counts.")
         return found
 
     def cost_sentence(self, prices: Prices) -> str:
         """Return the cost in words."""
         cost = self.cost(prices)
-        rates = f"{prices.prompt:g} and {prices.completion:g} per million tokens of prompts and answers"
         if cost is None:
-            return f"Cost: unknown, because the model reported no usage (prices: {rates})."
+            return "The cost is unknown, because the model reported no token counts."
+        shown = f"{cost:,.2f}" if cost >= 1 else f"{cost:.4f}".rstrip("0").rstrip(".")
         least = "" if self.counted == self.sent else "at least "
-        return f"Cost: {least}{cost:,.4f}, at {rates}."
+        return f"Cost: {least}{shown}, at {prices.prompt:g} and {prices.completion:g} per million tokens."
 
 
 def totals_of(answers: Iterable[ModelAnswer]) -> RequestTotals:
