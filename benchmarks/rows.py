@@ -55,6 +55,7 @@ from pacing import (
     rehearse,
 )
 from peer_rows import PeerRows
+from static_asking import static_row
 from training_speed import training_row
 
 TASKS = (PICTURE_TASK, "morning_coffee", HEAVIEST)
@@ -441,4 +442,5 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "materialize": materialize_row,
         "train": training_row,
         "assets": catalogue_row,
+        "static": static_row,
     }

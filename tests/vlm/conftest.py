@@ -1,9 +1,17 @@
-"""A chat endpoint that is closed at the end of a test."""
+"""A chat endpoint that is closed at the end of a test, and a cache folder of its own for each test."""
 
 from __future__ import annotations
 
 import pytest
 from tests.vlm.published import Server
+
+
+@pytest.fixture(autouse=True)
+def cache_home(tmp_path_factory, monkeypatch):
+    """Keeps replies out of the user's cache folder, also in processes that a test starts."""
+    home = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    return home
 
 
 @pytest.fixture

@@ -107,8 +107,8 @@ def refspatial_rows(split, count=3):
     return [
         {
             "id": i,
-            "object": f"the mug number {i}",
-            "prompt": f"Please point out the mug number {i}.",
+            "object": f"the {split.lower()} mug number {i}",
+            "prompt": f"Please point out the {split.lower()} mug number {i}.",
             "suffix": "Your answer should be formatted as a list of tuples, i.e. [(x1, y1)].",
             "step": 1 + i % 3,
         }
@@ -146,7 +146,7 @@ def egoplan2_rows(count=8):
             "sample_id": f"0a1b-2c3d-{i // 2}_{i}",
             "domain": DOMAINS[i % 4],
             "scenario": "cooking",
-            "task_goal": "make tea",
+            "task_goal": f"make tea number {i}",
             "choice_a": "fill the kettle",
             "choice_b": "open the drawer",
             "choice_c": "wash the cup",

@@ -52,11 +52,11 @@ def data(tmp_path_factory):
     return folder
 
 
-def run_of(data, out, share, *, name="model", eyes=Eyes.NATIVE, benchmark="embspatial", seed=0):
+def run_of(data, out, share, *, name="model", eyes=Eyes.NATIVE, benchmark="embspatial", seed=0, prompt=None):
     chosen = find_benchmark(benchmark)
     items = chosen.load(data)
     model = Knowing(items.items, share, name=name, seed=seed)
-    evaluate_model(chosen, items, model, out, RunSettings(find_prompt(benchmark, None), eyes=eyes))
+    evaluate_model(chosen, items, model, out, RunSettings(find_prompt(benchmark, prompt), eyes=eyes))
     return out
 
 
@@ -103,6 +103,17 @@ def test_eyes_are_a_row_of_their_own_and_named_as_the_change(data, tmp_path):
 def test_two_changes_in_one_step_are_said(data, tmp_path):
     runs = [run_of(data, tmp_path / "a", 0.9, name="a"), run_of(data, tmp_path / "b", 0.1, name="b", eyes=Eyes.TILE_1)]
     assert "model and eyes changed together" in step_table(runs).steps[0].sentence
+
+
+def test_a_step_of_the_prompt_alone_is_said(data, tmp_path):
+    runs = [run_of(data, tmp_path / str(i), 0.5, prompt=p) for i, p in enumerate((None, "embspatial-lmms-eval"))]
+    table = step_table(runs)
+    assert [row.name for row in table.rows] == ["model, direct", "model, embspatial-lmms-eval"]
+    assert table.steps[0].sentence.endswith(" Only the prompt changed, so the step does not compare models.")
+    repeated = step_table([runs[0], run_of(data, tmp_path / "again", 0.5)], names=["a", "b"])
+    assert repeated.steps[0].sentence.endswith(" No setting changed, so the two runs repeat each other.")
+    eyes = step_table([runs[0], run_of(data, tmp_path / "eyes", 0.5, eyes=Eyes.TILE_1)])
+    assert eyes.steps[0].sentence.endswith("supported.")
 
 
 def test_the_order_of_two_equal_models_is_rarely_supported(data, tmp_path):

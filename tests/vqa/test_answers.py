@@ -26,6 +26,7 @@ from betterbench.vqa.phrasings import PHRASINGS
 from betterbench.vqa.question import Candidate, Difficulty, Form, FrameSource, Question, QuestionType
 from betterbench.vqa.scoring import is_right, overlap, parse_answer
 
+JPEG = b"\xff\xd8\xff\xe0"
 SOURCE = FrameSource("fast_food", "R1", 0, 3, 0.15, "front")
 
 
@@ -222,7 +223,7 @@ def test_an_endpoint_is_asked_in_its_protocol_and_again_if_it_is_busy(serve, mon
     monkeypatch.setenv("MY_KEY", "secret")
     pauses = []
     chat = ChatEndpoint(server.url, "tiny", key_variable="MY_KEY", sleep=pauses.append)
-    assert chat.complete([user_message("Is it?", b"jpeg")]) == "Yes"
+    assert chat.complete([user_message("Is it?", JPEG)]).text == "Yes"
     path, key, body = server.asked[-1]
     assert (path, key, body["model"], body["temperature"]) == ("/v1/chat/completions", "Bearer secret", "tiny", 0)
     image, text = body["messages"][0]["content"]
@@ -259,7 +260,7 @@ def test_what_a_server_refuses_is_one_clear_line(serve, status, text, kind, says
     ],
 )
 def test_an_answer_in_parts_is_its_text(serve, content, text):
-    assert ChatEndpoint(serve((200, content)).url, "m").complete([user_message("?")]) == text
+    assert ChatEndpoint(serve((200, content)).url, "m").complete([user_message("?")]).text == text
 
 
 @pytest.mark.parametrize("content", [7, {"text": "B"}, ["B"]])

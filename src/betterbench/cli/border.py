@@ -38,6 +38,8 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "parameters": (1, 1e15),
     "policy_timeout": (0.001, 604_800),
     "power": (0, 1_000),
+    "price_in": (0.0, 1e9),
+    "price_out": (0.0, 1e9),
     "questions": (0, 10_000_000),
     "replica_gpus": (0, 64),
     "replicas": (1, 256),

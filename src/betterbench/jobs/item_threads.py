@@ -43,12 +43,13 @@ def in_threads(
     workers: int,
     open_resource: Callable[[], AbstractContextManager[ResourceT]],
     in_order: bool = False,
+    ahead: int = 0,
 ) -> Iterator[FoundT]:
     """Yield the result of each item. Items are started in order, at most ``workers`` at a time.
 
     After an error, after Ctrl-C, or when the iterator is closed, no further item is started, the resources are stopped,
-    and the error is raised after all threads have ended. The finished items then do not depend on the number of
-    workers.
+    and the error is raised after all threads have ended. With ``in_order``, the finished results before the first
+    unfinished item are yielded before the error.
 
     Args:
         items: The items.
@@ -56,6 +57,8 @@ def in_threads(
         workers: Number of threads.
         open_resource: Function that opens the resource of a thread.
         in_order: Yield results in item order instead of completion order.
+        ahead: Maximum number of results that wait for an earlier item, so that a slow item does not stop the other
+            threads.
 
     Raises:
         InvalidInputError: If the number of workers is out of range.
@@ -78,19 +81,20 @@ def in_threads(
 
     with ExitStack() as closing, ThreadPoolExecutor(workers) as pool:
         try:
-            while True:
-                pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers - len(pending))]
-                if not pending:
-                    return
-                done = {future for future in pending if future.done()}
-                for future in done:
-                    future.result()  # raises the error of an item
-                ended = next((f for f in (pending[:1] if in_order else pending) if f in done), None)
-                if ended is None:
-                    wait([future for future in pending if future not in done], return_when=FIRST_COMPLETED)
+            pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers + ahead)]
+            while pending:
+                done = [future.done() for future in pending]  # once: others may end meanwhile
+                failed = next((i for i, f in enumerate(pending) if done[i] and f.exception() is not None), None)
+                if failed is not None and not (in_order and done[0] and failed > 0):
+                    pending[failed].result()
+                ended = next((i for i, is_done in enumerate(done[:1] if in_order else done) if is_done), None)
+                if ended is not None:
+                    yield pending.pop(ended).result()
                 else:
-                    pending.remove(ended)
-                    yield ended.result()
+                    wait(list(itertools.compress(pending, (not d for d in done))), return_when=FIRST_COMPLETED)
+                if failed is None:
+                    free = workers + ahead - len(pending)
+                    pending += [pool.submit(run, item) for item in itertools.islice(waiting, free)]
         except BaseException:  # an error, Ctrl-C, or the iterator is closed
             stopped.set()
             for future in pending:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -35,15 +36,17 @@ class LineJournal:
 
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
     :meth:`_take_in` and removes an unfinished last line left by a killed process. Each appended line is on disk when
-    :meth:`_append_line` returns. A file that another program removes, replaces or truncates is written again. With
-    ``alone``, only the file is locked, not its folder. With ``renews``, the complete folder may be removed, because its
-    owner writes the other files again; otherwise, StorageError is raised.
+    :meth:`_append_line` returns, unless it may wait. A file that another program removes, replaces or truncates is
+    written again. With ``alone``, only the file is locked, not its folder. With ``renews``, the complete folder may be
+    removed, because its owner writes the other files again; otherwise, StorageError is raised.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
         self._path = path = path.absolute()
         self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME, renews=renews)
         self._handle: int | None = None
+        self._synced_at = 0.0
+        self._is_synced = True
         try:
             lines, self._length = complete_lines(path)
             self._content = bytearray(b"".join(line + b"\n" for line in lines))
@@ -69,8 +72,12 @@ class LineJournal:
         """Process the existing lines of the file at opening."""
         raise NotImplementedError
 
-    def _append_line(self, form: object) -> None:
-        """Append a JSON value and flush it to disk; after an OSError, the file is unchanged."""
+    def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
+        """Append a JSON value and flush it to disk; after an OSError, the file is unchanged.
+
+        With ``within_s``, the line is flushed with a later line or at the end, if the last flush is more recent [s]. A
+        killed process then loses no line, but a power cut may.
+        """
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)
@@ -83,12 +90,18 @@ class LineJournal:
             with naming(self._path):
                 while written < len(line):
                     written += os.pwrite(self._handle, line[written:], self._length + written)
-                os.fsync(self._handle)
+                self._is_synced = False
+                if time.monotonic() - self._synced_at >= within_s:
+                    self._sync(self._handle)
         except OSError:
             os.ftruncate(self._handle, self._length)
             raise
         self._length += len(line)
         self._content += line
+
+    def _sync(self, handle: int) -> None:
+        os.fsync(handle)
+        self._synced_at, self._is_synced = time.monotonic(), True
 
     def restore(self) -> bool:
         """Rewrite the file if it was removed, replaced or changed since opening, and return whether it was."""
@@ -116,10 +129,15 @@ class LineJournal:
 
     def close(self) -> None:
         """Close the file and release the lock. Closing it again is harmless."""
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
-        self._lock.release()
+        handle, self._handle = self._handle, None
+        try:
+            if handle is not None and not self._is_synced:
+                with naming(self._path):
+                    self._sync(handle)
+        finally:
+            if handle is not None:
+                os.close(handle)
+            self._lock.release()
 
     def __enter__(self) -> Self:
         return self

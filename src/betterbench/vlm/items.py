@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, fields
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +15,14 @@ import numpy.typing as npt
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import dump_json
 from betterbench.vlm.models.eyes import Eyes, shown_picture
-from betterbench.vlm.pictures import mask_of, require_whole
+from betterbench.vlm.pictures import mask_of, sendable
 from betterbench.vqa.asking import Request
 from betterbench.vqa.coordinates import Convention
 from betterbench.vqa.parsing import AnswerSpec
 from betterbench.vqa.question import Form
+
+_MASKS = 32
+"""Number of target regions in memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +82,7 @@ class ItemSet:
     Attributes:
         benchmark: Name of the benchmark.
         items: The items in the order of the data.
-        read: Returns the bytes of an image by its name (PNG or JPEG).
+        read: Returns the bytes of an image by its name, in any format that Pillow reads.
         files: SHA-256 of the files with the items, by name; part of the content hash.
         reference: Reference rates by name of a group, such as chance and the blind classifier (in percent).
         content: Content hash of the source, where the source defines one; otherwise computed from the items.
@@ -105,14 +109,14 @@ class ItemSet:
                 )
             seen.add(item.id)
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Content hash of the source, or of the items and their files."""
         if self.content:
             return self.content
         digest = hashlib.sha256(dump_json([self.benchmark, dict(sorted(self.files.items()))]))
         for item in self.items:
-            digest.update(dump_json({**asdict(item), "form": item.form.value}))
+            digest.update(dump_json(_plain(item) | {"gold": _plain(item.gold), "form": item.form.value}))
         return digest.hexdigest()
 
     def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:
@@ -123,13 +127,21 @@ class ItemSet:
         return tuple(self._shown(item, name, eyes) for name in item.pictures)
 
     def _shown(self, item: Item, name: str, eyes: Eyes) -> bytes:
-        picture = self.read(name)
-        require_whole(picture, f"{self.benchmark}, item {item.id}")
-        return shown_picture(picture, eyes).data
+        picture = sendable(self.read(name), f"{self.benchmark}, item {item.id}")
+        return picture if eyes is Eyes.NATIVE else shown_picture(picture, eyes).data
 
     def mask(self, name: str, *, above: int = 0) -> npt.NDArray[np.bool_]:
         """Return a target region, shape (rows, columns): the pixels with values greater than ``above``."""
         with self._lock:
-            if (name, above) not in self._masks:
-                self._masks[name, above] = mask_of(self.read(name), name, above=above)
-            return self._masks[name, above]
+            found = self._masks.pop((name, above), None)
+            if found is None:
+                found = mask_of(self.read(name), name, above=above)
+            self._masks[name, above] = found
+            if len(self._masks) > _MASKS:
+                del self._masks[next(iter(self._masks))]
+            return found
+
+
+def _plain(value: Item | Gold) -> dict[str, Any]:
+    """Return the fields by name; ``asdict`` copies each value and takes ten times as long."""
+    return {f.name: getattr(value, f.name) for f in fields(value)}

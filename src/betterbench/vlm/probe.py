@@ -22,7 +22,7 @@ from PIL import Image, ImageDraw
 from betterbench.errors import InvalidInputError
 from betterbench.jobs import OnCount
 from betterbench.vlm.models.eyes import Eyes, convention_for, shown_picture
-from betterbench.vqa.asking import AnswersHead, Request, answer_line, ask_all
+from betterbench.vqa.asking import AnswersHead, ModelAnswer, Request, answer_line, ask_all
 from betterbench.vqa.coordinates import CONVENTIONS, Coordinates
 from betterbench.vqa.llm import Model
 from betterbench.vqa.parsing import AnswerSpec, read_text
@@ -232,11 +232,30 @@ def probe_model(
         ModelError: If the model cannot be reached; earlier answers are kept.
         RunConflictError: If the file contains other data.
     """
+    answers = ask_targets(
+        model, file, declared=declared, eyes=eyes, targets=targets, at_once=at_once, on_progress=on_progress
+    )
+    return finding_of(model.name, [answer.text for answer in answers], targets, declared=declared, eyes=eyes)
+
+
+def ask_targets(
+    model: Model,
+    file: Path,
+    *,
+    declared: Coordinates | None = None,
+    eyes: Eyes = Eyes.NATIVE,
+    targets: Sequence[Target] = TARGETS,
+    at_once: int = 4,
+    on_progress: OnCount | None = None,
+) -> list[ModelAnswer]:
+    """Ask a model for the positions of known shapes, and return one answer per image.
+
+    The arguments and errors are those of :func:`probe_model`.
+    """
     requests = {str(i): request_for(target, declared, eyes) for i, target in enumerate(targets)}
     head = AnswersHead(model.name, f"probe-{declared}-{eyes.value}-{len(targets)}", declared or "pixels")
     answers = ask_all(requests, model, head, file, at_once=at_once, verb="vlm", on_progress=on_progress)
-    texts = [answers.answers[name].text for name in requests]
-    return finding_of(model.name, texts, targets, declared=declared, eyes=eyes)
+    return [answers.answers[name] for name in requests]
 
 
 def finding_of(

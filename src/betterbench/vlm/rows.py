@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import parse_json, read_bounded
+from betterbench.json_form import open_ordinary, parse_json, read_bounded
 from betterbench.records.parquet_rows import ParquetRows
 
 MOST_BYTES = 2 << 30
 """Largest JSON file that is read [byte]; the largest published one has 1.2 GB."""
 _CURE = "Give the file as published, or the row in that form"
 _FOLDERS = ("", "data", "default", "annotations")
+Span = tuple[int, int]
+"""Beginning and end of a row in a file [byte]."""
+_BLOCK = 1 << 22
+_TOKEN = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*("?)|[\[\]{}]', re.DOTALL)
+"""Texts and brackets of JSON; a text whose end is missing has an empty group."""
+_QUOTE, _BRACE, _BRACKET = b'"{['
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +144,16 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
     """
     if file.suffix.lower() == ".parquet":
         return _parquet_rows(file, large)
+    spans = _spans_of(file)
+    if spans is not None:
+        rows = _rows_at(file, spans, large)
+        if rows is not None:
+            return rows
+    return _parsed_rows(file)
+
+
+def _parsed_rows(file: Path) -> list[Row]:
+    """Return the rows of a JSON document in any form, which is held in memory."""
     raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
     try:
         if file.suffix.lower() == ".jsonl":
@@ -154,6 +172,96 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
             raise InvalidInputError(f"{file}, row {number}", f"expected an object, found {_shown(form)}", _CURE)
         rows.append(Row(file, number, form, form.__getitem__, frozenset(form)))
     return rows
+
+
+def _spans_of(file: Path) -> list[Span] | None:
+    """Return the place of each row in a JSON list or in JSON lines; None for a document of another form."""
+    try:
+        with open_ordinary(file) as opened:
+            if os.fstat(opened.fileno()).st_size > MOST_BYTES:
+                return None
+            return _lines_in(opened) if file.suffix.lower() == ".jsonl" else _objects_in(opened)
+    except OSError:
+        return None  # reading the complete document names the problem
+
+
+def _lines_in(opened: BinaryIO) -> list[Span]:
+    spans, at = [], 0
+    for line in opened:
+        if line.strip():
+            spans.append((at, at + len(line)))
+        at += len(line)
+    return spans
+
+
+def _objects_in(opened: BinaryIO) -> list[Span] | None:
+    """Return the places of the objects of a list, reading block by block; None unless the document is such a list."""
+    spans, depth, is_over = list[Span](), 0, False
+    data, base, at, kept = b"", 0, 0, 0  # ``kept`` is the beginning of the object, or the end of the last one
+    while block := opened.read(_BLOCK):
+        data, at, base = data[kept - base :] + block, at - (kept - base), kept
+        for token in _TOKEN.finditer(data, at):
+            letter = data[token.start()]
+            if letter == _QUOTE:
+                if token.start(1) == token.end(1):
+                    break  # the end of the text is in the next block
+                if depth < 2:
+                    return None
+            elif letter in b"[{":
+                between = data[kept - base : token.start()].strip()
+                if depth < 2 and (is_over or letter != b"[{"[depth] or between != (b"," if spans else b"")):
+                    return None
+                depth += 1
+                kept = base + token.start() if depth == 2 and letter == _BRACE else kept
+            else:
+                is_over = depth == 1
+                if depth == 0 or (is_over and data[kept - base : token.start()].strip()):
+                    return None
+                depth -= 1
+                if depth == 1:
+                    spans.append((kept, base + token.end()))
+                if depth < 2:
+                    kept = base + token.end()
+            if depth == 1 and letter == _BRACKET:
+                kept = base + token.end()
+            at = token.end()
+    return spans if is_over and spans and not data[at:].strip() else None
+
+
+def _rows_at(file: Path, spans: list[Span], large: Sequence[str]) -> list[Row] | None:
+    """Return rows whose large cells are read again on demand, or None if one is not an object."""
+    rows = []
+    with open_ordinary(file) as opened:
+        for number, span in enumerate(spans, start=1):
+            try:
+                form = _form_at(opened, span)
+            except ValueError:
+                return None
+            if not isinstance(form, dict):
+                return None
+            columns = frozenset(form)
+            small = {name: value for name, value in form.items() if name not in large}
+            rows.append(Row(file, number, small, _cell_reader(file, number, span), columns))
+    return rows
+
+
+def _cell_reader(file: Path, number: int, span: Span) -> Callable[[str], Any]:
+    def cell(column: str) -> Any:  # noqa: ANN401 - any JSON
+        try:
+            with open_ordinary(file) as opened:
+                return _form_at(opened, span)[column]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            problem = f"cannot be read again ({one_line(error)})"
+            raise InvalidInputError(
+                f"{file}, row {number}, column {column}", problem, "Leave the file as it is"
+            ) from error
+
+    return cell
+
+
+def _form_at(opened: BinaryIO, span: Span) -> Any:  # noqa: ANN401 - any JSON
+    opened.seek(span[0])
+    return parse_json(opened.read(span[1] - span[0]))
 
 
 def _parquet_rows(file: Path, large: Sequence[str]) -> list[Row]:

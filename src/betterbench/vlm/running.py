@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -26,19 +26,21 @@ from betterbench.json_form import dump_json, open_seal, read_bounded, sealed_for
 from betterbench.quoting import json_line
 from betterbench.version import __version__
 from betterbench.vlm.benchmarks.benchmark import Benchmark
+from betterbench.vlm.completeness import Completeness, completeness_of
 from betterbench.vlm.items import ItemSet
 from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
 from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
 from betterbench.vlm.pictures import NOT_A_PICTURE
-from betterbench.vlm.probe import TARGETS, probe_model
+from betterbench.vlm.probe import TARGETS, ask_targets, finding_of
 from betterbench.vlm.prompts import Prompt
 from betterbench.vlm.scoring import StaticScore, score_answers
-from betterbench.vqa.asking import Answers, AnswersHead, Request, ask_all
+from betterbench.vqa.asking import Answers, AnswersHead, ModelAnswer, Request, ask_all
 from betterbench.vqa.coordinates import CONVENTIONS, Convention, Coordinates
 from betterbench.vqa.llm import Model
 from betterbench.vqa.parsing import read_text
 from betterbench.vqa.parsing.extractor import extraction_prompt
 from betterbench.vqa.question import Form
+from betterbench.vqa.request_totals import Prices, RequestTotals, totals_of
 
 logger = logging.getLogger(__name__)
 
@@ -70,6 +72,7 @@ class RunSettings:
         probe: Whether the declared convention is checked with ten images before a run with points or boxes.
         official: Whether to add the scores of upstream programs.
         max_tokens: Longest answer of the model [tokens], stored in the run; None if it has no limit.
+        prices: Prices of the model's tokens; None to report no cost.
     """
 
     prompt: Prompt
@@ -80,6 +83,7 @@ class RunSettings:
     probe: bool = False
     official: bool = False
     max_tokens: int | None = None
+    prices: Prices | None = None
 
     @property
     def convention(self) -> Convention:
@@ -97,7 +101,10 @@ class StaticRun:
         extracted: Replies of the extractor; None without one.
         score: Scores.
         upstream: Scores of upstream programs, if requested.
-        refused: Number of rejected requests.
+        requests: Totals of the requests to the model, the probe of coordinates included.
+        extractor_requests: Totals of the requests to the extractor; None without one.
+        completeness: Size of the data, compared with the published data.
+        prices: Prices of the model's tokens, if given.
     """
 
     path: Path
@@ -106,13 +113,27 @@ class StaticRun:
     extracted: Answers | None
     score: StaticScore
     upstream: tuple[UpstreamScore, ...]
-    refused: int
+    requests: RequestTotals
+    extractor_requests: RequestTotals | None
+    completeness: Completeness
+    prices: Prices | None = None
+
+    @property
+    def refused(self) -> int:
+        """Number of items whose request was rejected."""
+        return sum(answer.error is not None for answer in self.answers.answers.values())
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict without the items."""
+        extractor = self.extractor_requests
         return {
             **self.head,
             "refused": self.refused,
+            "requests": self.requests.to_json(),
+            "extractor_requests": None if extractor is None else extractor.to_json(),
+            "prices": None if self.prices is None else asdict(self.prices),
+            "cost": None if self.prices is None else self.requests.cost(self.prices),
+            "completeness": self.completeness.to_json(),
             **self.score.to_json(),
             "upstream": [found.to_json() for found in self.upstream],
         }
@@ -152,7 +173,7 @@ def evaluate_model(
     with on_disk(out), job_folder(out):
         head = _begin(out, _head(benchmark, items, model, settings, extractor))
         _show(items, out)
-        _check_convention(items, model, out, settings, bar)
+        probed = _check_convention(items, model, out, settings, bar)
         answers = _asked(items, model, out, settings, bar)
         texts = {name: answer.text for name, answer in answers.answers.items()}
         extracted = None if extractor is None else _extracted(items, extractor, texts, out, settings=settings, bar=bar)
@@ -160,8 +181,18 @@ def evaluate_model(
         score = score_answers(benchmark, items, texts, settings.convention, extractions=told)
         scorers = UPSTREAM.get(benchmark.name, ()) if settings.official else ()
         upstream = tuple(upstream_scores(scorers, items, texts, score, settings.coordinates))
-        refused = sum(answer.error is not None for answer in answers.answers.values())
-        run = StaticRun(out, head, answers, extracted, score, upstream, refused)
+        run = StaticRun(
+            out,
+            head,
+            answers,
+            extracted,
+            score,
+            upstream,
+            requests=totals_of([*probed, *answers.answers.values()]),
+            extractor_requests=None if extracted is None else totals_of(extracted.answers.values()),
+            completeness=completeness_of(benchmark, items),
+            prices=settings.prices,
+        )
         _write(run, items)
         return run
 
@@ -218,12 +249,14 @@ def _show(items: ItemSet, out: Path) -> None:
     write_durably(out / SHOWN_NAME, sheet)
 
 
-def _check_convention(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> None:
-    """Raise InvalidInputError if the model answers images with known places in another convention."""
+def _check_convention(
+    items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar
+) -> Sequence[ModelAnswer]:
+    """Return the answers to images with known places; raise InvalidInputError if they have another convention."""
     if not settings.probe or all(item.form not in PLACES for item in items.items):
-        return
+        return ()
     with bar("checking the coordinates", len(TARGETS)) as on_progress:
-        finding = probe_model(
+        answers = ask_targets(
             model,
             out / PROBE_NAME,
             declared=settings.coordinates,
@@ -231,9 +264,13 @@ def _check_convention(items: ItemSet, model: Model, out: Path, settings: RunSett
             at_once=settings.at_once,
             on_progress=on_progress,
         )
+    finding = finding_of(
+        model.name, [answer.text for answer in answers], declared=settings.coordinates, eyes=settings.eyes
+    )
     finding.require(settings.coordinates)
     if not finding.found:
         logger.warning("%s Points and boxes are read as %s.", finding.sentence, settings.coordinates)
+    return answers
 
 
 def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar) -> Answers:
@@ -274,7 +311,8 @@ def _extracted(
 def _write(run: StaticRun, items: ItemSet) -> None:
     lines = []
     for item, score in zip(items.items, run.score.items, strict=True):
-        line = asdict(score) | {"score": _shown(score.score), "groups": dict(item.groups), "cluster": item.cluster}
+        line = {f.name: getattr(score, f.name) for f in fields(score)}
+        line |= {"score": _shown(score.score), "groups": dict(item.groups), "cluster": item.cluster}
         lines.append(json_line(dump_json(line)))
     write_durably(run.path / ITEMS_NAME, sealed_lines(b"".join(lines)))
     form = sealed_form(json.loads(dump_json(run.to_json())))

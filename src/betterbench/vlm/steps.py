@@ -35,8 +35,10 @@ FACTORS = {
     "prompt": "prompt",
     "coordinates": "coordinates",
     "extractor": "extractor",
+    "max_tokens": "longest answer",
 }
 """Settings of a run that may explain a difference, with their words."""
+_ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,10 @@ class Step:
         text = f"{self.benchmark}: {self.lower} has {moved} {self.upper} ({low:+.1f} to {high:+.1f}): {verdict}."
         if len(self.changed) > 1:
             text += f" {' and '.join(self.changed)} changed together, so the step does not tell which one explains it."
+        elif not self.changed:
+            text += " No setting changed, so the two runs repeat each other."
+        elif self.changed[0] not in _ABOUT_THE_MODEL:
+            text += f" Only the {self.changed[0]} changed, so the step does not compare models."
         return text
 
     def to_json(self) -> dict[str, Any]:
@@ -136,7 +142,7 @@ def step_table(
 
     Args:
         paths: Run folders, in the order of the rows; runs with the same name are one row.
-        names: Name of each run's row; by default its model, eyes and tiles.
+        names: Name of each run's row; by default its model, eyes and tiles, and its prompt if runs differ only there.
         column: Column of the scores.
         alpha: Level of the tests.
 
@@ -149,9 +155,8 @@ def step_table(
         problem = f"{len(names)} names for {len(paths)} runs"
         raise InvalidInputError("--name", problem, "Give one name per run, or none")
     rows: dict[str, dict[str, StoredRun]] = {}
-    for i, path in enumerate(paths):
-        run = read_static_run(path)
-        name = names[i] if names else _name(run)
+    runs = [read_static_run(path) for path in paths]
+    for path, run, name in zip(paths, runs, names or _names(runs), strict=True):
         row = rows.setdefault(name, {})
         known = row.setdefault(run.benchmark.name, run)
         if known is not run:
@@ -163,6 +168,18 @@ def step_table(
     shown = tuple(Row(name, {b: _cell(run, column) for b, run in row.items()}) for name, row in rows.items())
     steps = _steps(rows, benchmarks, column, alpha)
     return StepTable(column, alpha, benchmarks, shown, steps, _warnings(rows, column))
+
+
+def _names(runs: Sequence[StoredRun]) -> list[str]:
+    """Return the name of each run's row: model, eyes, tiles, and the prompt where it alone tells runs apart."""
+    plain = [(_name(run), run.benchmark.name) for run in runs]
+    prompts = defaultdict[tuple[str, str], set[str]](set)
+    for key, run in zip(plain, runs, strict=True):
+        prompts[key].add(str(run.head["prompt"]))
+    return [
+        key[0] if len(prompts[key]) == 1 else f"{key[0]}, {run.head['prompt']}"
+        for key, run in zip(plain, runs, strict=True)
+    ]
 
 
 def _name(run: StoredRun) -> str:

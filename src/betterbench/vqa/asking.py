@@ -9,7 +9,7 @@ from __future__ import annotations
 import codecs
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -25,7 +25,6 @@ from betterbench.errors import (
     require_between,
 )
 from betterbench.jobs import OnCount, counts, in_threads, run_items, write_durably
-from betterbench.jobs.item_threads import NoResource
 from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
 from betterbench.jobs.outputs import OutputFile, require_replaceable
 from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
@@ -33,7 +32,8 @@ from betterbench.quoting import json_line
 from betterbench.statistics import Rate
 from betterbench.vqa.coordinates import Coordinates
 from betterbench.vqa.dataset import QuestionSet
-from betterbench.vqa.llm import Chat, ChatModel, Model, RefusedError
+from betterbench.vqa.llm import Chat, ChatModel, Model, RefusedError, Reply
+from betterbench.vqa.llm.model import opened
 from betterbench.vqa.parsing import AnswerSpec
 from betterbench.vqa.question import Form, Question
 from betterbench.vqa.scoring import is_right, parse_answer, spec_of
@@ -46,6 +46,11 @@ _BEGINNING = b'{"coordinates":'
 """Beginning of the first line of an answer file."""
 MOST_AT_ONCE = 256
 """Maximum number of simultaneous requests."""
+_MOST_AHEAD = 64
+"""Maximum number of answers that wait for the answer to an earlier request."""
+_SYNC_WITHIN_S = 1.0
+"""Longest time until an answer is on disk [s]. A flush takes 4 ms, so one per answer would limit a run to 250 per
+second. A killed process loses nothing; a power cut may lose the answers of this time."""
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
 """Maximum number of characters of an answer that is stored. Of a longer text, the start and the end are kept."""
@@ -89,12 +94,20 @@ class ModelAnswer:
         text: Answer text; empty if the request was rejected.
         error: Reason for a missing answer, or None.
         seal: Checksum of the line; None in a file from another program or an earlier version.
+        prompt_tokens: Tokens of the request as the server counted them; None if it did not.
+        completion_tokens: Tokens of the answer as the server counted them; None if it did not.
+        retries: Reasons of failed tries before the answer, each as "KIND: DETAILS".
+        cached: Whether the answer was taken from the cache instead of the model.
     """
 
     id: str
     text: str
     error: str | None = None
     seal: str | None = None
+    prompt_tokens: int | None = None
+    completion_tokens: int | None = None
+    retries: tuple[str, ...] = ()
+    cached: bool = False
 
 
 @open_form
@@ -114,6 +127,8 @@ class AnswersHead:
             raise InvalidInputError("model", problem, "Give the name of the model in one line")
 
 
+_ALWAYS = frozenset({"error", "coordinates"})
+"""Fields that a line has even with their default; other defaults are left out."""
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
 _CURE = "Correct the file if it is your own, or write the answers to another file with --answers"
 
@@ -184,8 +199,8 @@ class _AnswerFile(LineJournal):
             self.known = found.answers
 
     def append(self, answer: ModelAnswer) -> None:
-        """Append an answer and force it to disk."""
-        self._append_line(_sealed(self.head, answer))
+        """Append an answer; answers of up to a second are forced to disk together."""
+        self._append_line(_sealed(self.head, answer), within_s=_SYNC_WITHIN_S)
         self.known[answer.id] = answer
 
 
@@ -262,8 +277,9 @@ def ask_all(
                 waiting,
                 lambda _, name: _ask(model, name, requests[name]),
                 workers=at_once,
-                open_resource=NoResource,
+                open_resource=lambda: opened(model),
                 in_order=True,
+                ahead=_MOST_AHEAD,
             ),
             keep=kept.append,
             on_progress=counts(on_progress),
@@ -300,12 +316,23 @@ def _first_line(file: Path) -> bytes:
 
 
 def _ask(model: Model, name: str, request: Request) -> ModelAnswer:
-    pictures = request.pictures()
     try:
-        text = model.answer(request.prompt, pictures)
+        found = model.answer(request.prompt, request.pictures())
     except RefusedError as error:
-        return ModelAnswer(name, "", str(error))
-    return ModelAnswer(name, encodable(_shortened(text)))
+        return ModelAnswer(name, "", str(error), retries=_readable(error.retries))
+    reply = found if isinstance(found, Reply) else Reply(found)
+    return ModelAnswer(
+        name,
+        encodable(_shortened(reply.text)),
+        prompt_tokens=reply.prompt_tokens,
+        completion_tokens=reply.completion_tokens,
+        retries=_readable(reply.retries),
+        cached=reply.is_cached,
+    )
+
+
+def _readable(reasons: Sequence[str]) -> tuple[str, ...]:
+    return tuple(encodable(reason) for reason in reasons)
 
 
 def _shortened(text: str) -> str:
@@ -372,7 +399,11 @@ def _require_unchanged(found: Answers, file: Path) -> None:
 
 def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
     """Return a line of an answer file with its checksum, which includes the model and the set."""
-    form = {name: value for name, value in asdict(line).items() if name != SEAL}
+    form = {
+        f.name: value
+        for f in fields(line)
+        if f.name != SEAL and ((value := getattr(line, f.name)) != f.default or f.name in _ALWAYS)
+    }
     to = [head.model, head.set_sha256, head.coordinates]
     return {**form, SEAL: seal_of({**form, "to": to})}
 

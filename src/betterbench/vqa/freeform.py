@@ -249,7 +249,7 @@ def _about(
     checked: dict[str, Any] = {"kept": [], "dropped": {}}
     reasons: Counter[str] = Counter()
     try:
-        said = chat.complete([user_message(prompt_of(moment), described.image(image))], max_tokens=1500)
+        said = chat.complete([user_message(prompt_of(moment), described.image(image))], max_tokens=1500).text
         texts = parsed_texts(said)
     except RefusedError:
         texts, reasons["refused"] = [], 1

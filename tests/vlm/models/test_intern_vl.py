@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 import torch
 from pictures import png, stripes
+from tests.vlm import published
 from tiny_intern_vl import make_checkpoint
 from transformers.models.got_ocr2.image_processing_pil_got_ocr2 import get_optimal_tiled_canvas
 
 from betterbench.errors import InvalidInputError
+from betterbench.vlm import RunSettings, evaluate_model, find_benchmark
 from betterbench.vlm.models.eyes import Eyes, shown_picture
 from betterbench.vlm.models.intern_vl import InternVl
 from betterbench.vlm.models.tiles import grid_of
+from betterbench.vlm.prompts import find_prompt
 
 PLACE = "<IMG_CONTEXT>"
 
@@ -122,3 +125,15 @@ def test_a_checkpoint_with_a_file_missing_or_cut(checkpoint, tmp_path, name):
     cut.unlink()
     with pytest.raises(InvalidInputError, match=r"cannot be loaded|chat template"):
         InternVl(tmp_path)
+
+
+@pytest.mark.parametrize("name", published.FORMS)
+def test_a_checkpoint_runs_each_benchmark_from_end_to_end(name, checkpoint, tmp_path):
+    benchmark, model = find_benchmark(name), InternVl(checkpoint, most_tiles=1, max_tokens=4)
+    items = benchmark.load(published.FORMS[name][0](tmp_path / "data"))
+    settings = RunSettings(find_prompt(name, None), benchmark.coordinates or "pixels", at_once=1)
+    found = evaluate_model(benchmark, items, model, tmp_path / "run", settings)
+    assert found.score.all.n == len(items.items) == len(found.answers.answers)
+    assert found.requests.sentences() == ["The model reported no token counts."]
+    again = evaluate_model(benchmark, items, model, tmp_path / "again", settings)
+    assert again.score.items == found.score.items

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from betterbench.cli.console import print_item, print_table
+from betterbench.cli.console import OUT, print_item, print_table
 from betterbench.statistics import round_half_up
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
 from betterbench.vlm.running import StaticRun
@@ -83,6 +83,8 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
     lines = [f"{benchmark.title}: {percent_of(score.headline[column])} % ({score.rule})."]
     macro = [f"{kind} {percent_of(means[column])} %" for kind, means in score.macro.items()]
     lines.append(f"Macro means: {', '.join(macro)}.")
+    if run.completeness.sentence:
+        lines.append(run.completeness.sentence)
     everything = score.all
     if everything.answered < everything.n:
         rest = (
@@ -93,6 +95,11 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
         lines.append(f"{everything.n - everything.answered} of {everything.n} items have no answer and count 0.{rest}")
     if run.refused:
         lines.append(f"The server rejected {run.refused} requests; {run.path / 'answers.jsonl'} has the reasons.")
+    lines += run.requests.sentences()
+    if run.prices is not None:
+        lines.append(run.requests.cost_sentence(run.prices))
+    if run.extractor_requests is not None:
+        lines += run.extractor_requests.sentences("extractor")
     if run.extracted is not None:
         share = percent_of(Fraction(score.changed, everything.n), 1)
         lines.append(f"The extractor changed {score.changed} of {everything.n} scores ({share} %).")
@@ -105,6 +112,7 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
 
 
 def _print_upstream(run: StaticRun) -> None:
+    with_notes = any(found.note for found in run.upstream)
     rows = [
         [
             found.name,
@@ -112,12 +120,13 @@ def _print_upstream(run: StaticRun) -> None:
             "–" if found.moved is None else signed_percent_of(found.moved),
             f"{found.scored}/{found.total}",
             str(found.differs),
-            found.note,
+            *([found.note] if with_notes else []),
         ]
         for found in run.upstream
     ]
+    OUT.print()
     print_table(
-        ["upstream scorer", "score", "− ours", "scored", "differs", "note"],
+        ["upstream scorer", "score", "− ours", "scored", "differs", *(["note"] if with_notes else [])],
         rows,
         title="Official scoring: upstream programs on the same texts",
     )

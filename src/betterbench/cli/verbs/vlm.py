@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from betterbench.vlm import Benchmark, ItemSet
     from betterbench.vlm.models.eyes import Eyes
     from betterbench.vqa.coordinates import Coordinates
-    from betterbench.vqa.llm import Model
+    from betterbench.vqa.llm import Model, ReplyCache
+    from betterbench.vqa.request_totals import Prices
 
 FETCH = "fetch"
 """First word of a command that downloads data."""
@@ -44,6 +45,9 @@ def vlm_command(
     questions: int = 1000,
     at_once: int = 4,
     max_tokens: int = 1024,
+    price_in: float | None = None,
+    price_out: float | None = None,
+    cache: bool = True,
     workers: int = 1,
     key_variable: str = "OPENAI_API_KEY",
     extractor_key_variable: str = "OPENAI_API_KEY",
@@ -77,6 +81,9 @@ def vlm_command(
         questions: Approximate number of questions of a set that is made.
         at_once: Number of simultaneous requests.
         max_tokens: Longest answer in tokens.
+        price_in: Price of a million tokens of prompts and images, in any currency; with --price-out for the cost.
+        price_out: Price of a million tokens of answers.
+        cache: Take replies to equal requests from your cache, also those of other runs; --no-cache sends all requests.
         workers: Number of worker processes that make a set.
         key_variable: Environment variable with the key of the endpoint.
         extractor_key_variable: Environment variable with the key of the extractor's endpoint.
@@ -102,7 +109,7 @@ def vlm_command(
     if _folder_of(model) is not None:
         at_once = 1  # its threads are those of one request
     if chosen is None:
-        asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
+        asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=None)
         _probe(asked, out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
     if out is None:
@@ -111,11 +118,13 @@ def vlm_command(
     from betterbench.cli.output.vlm import print_run
     from betterbench.vlm.prompts import find_prompt
     from betterbench.vlm.running import RunSettings, evaluate_model
-    from betterbench.vqa.llm import ChatModel, endpoint_at
+    from betterbench.vqa.llm import ChatModel, ReplyCache, endpoint_at
 
+    kept = ReplyCache() if cache else None
     reader = None
     if extractor is not None:
-        reader = ChatModel(endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable), 512)
+        endpoint = endpoint_at(extractor, option="--extractor", key_variable=extractor_key_variable, cache=kept)
+        reader = ChatModel(endpoint, 512)
     wording = find_prompt(chosen.name, prompt)
     spoken = wording.convention(declared, chosen.coordinates)
     settings = RunSettings(
@@ -127,8 +136,9 @@ def vlm_command(
         probe=probe,
         official=scoring == "official",
         max_tokens=max_tokens,
+        prices=_prices(price_in, price_out),
     )
-    asked = _model(model, resolution, max_tiles, max_tokens, key_variable)
+    asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=kept)
     items = _items(chosen, data, questions, workers)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
     if json:
@@ -144,7 +154,21 @@ def _folder_of(model: str) -> Path | None:
     return Path(folder).expanduser() if scheme == IN_PROCESS else None
 
 
-def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key_variable: str) -> Model:
+def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
+    """Return the prices of tokens; raise InvalidInputError if only one is given."""
+    from betterbench.vqa.request_totals import Prices
+
+    if price_in is None and price_out is None:
+        return None
+    if price_in is None or price_out is None:
+        missing = "--price-in" if price_in is None else "--price-out"
+        raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or none")
+    return Prices(price_in, price_out)
+
+
+def _model(
+    address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, *, key: str, cache: ReplyCache | None
+) -> Model:
     """Return the model at an address: a chat endpoint, or a checkpoint in this process."""
     from betterbench.vlm.models.eyes import MYOPIC, Eyes
     from betterbench.vlm.models.tiles import MOST_TILES
@@ -154,7 +178,7 @@ def _model(address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, key
     if folder is None:
         further = None if max_tiles is None else {"mm_processor_kwargs": {"max_dynamic_patch": max_tiles}}
         otherwise = f"{IN_PROCESS}:FOLDER"
-        endpoint = endpoint_at(address, key_variable=key_variable, otherwise=otherwise, further=further)
+        endpoint = endpoint_at(address, key_variable=key, otherwise=otherwise, further=further, cache=cache)
         return ChatModel(endpoint, max_tokens)
     from betterbench.vlm.models.intern_vl import InternVl
 

@@ -160,7 +160,7 @@ class KeptChat:
                 "the prompt or an interrupted run. Run the original command again with its model."
             )
         asked_at, began = self._now(), time.monotonic()
-        answer = self._chat.complete(messages, max_tokens=MAX_TOKENS)
+        answer = self._chat.complete(messages, max_tokens=MAX_TOKENS).text
         took_s = round(time.monotonic() - began, 3)
         stamp = asked_at.isoformat(timespec="seconds")
         plain = [dict(message) for message in messages]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 from betterbench.errors import InvalidInputError
@@ -79,6 +80,8 @@ class Benchmark:
         headline: Rule for the headline number.
         groups: Kinds of groups in the order of tables.
         coordinates: Default convention of our own prompt; None for a benchmark without points and boxes.
+        published: Number of items of the published data; None for data without a fixed number.
+        published_groups: A kind of group, and the number of published items by name of the group.
     """
 
     name: str
@@ -88,6 +91,8 @@ class Benchmark:
     headline: Headline
     groups: tuple[str, ...]
     coordinates: Coordinates | None = None
+    published: int | None = None
+    published_groups: tuple[str, Mapping[str, int]] = ("", MappingProxyType({}))
 
     def load(self, folder: Path) -> ItemSet:
         """Read the data in a folder.

@@ -81,5 +81,6 @@ EMBSPATIAL = Benchmark(
     ),
     headline=Headline(),
     groups=("source", "relation", "kind"),
+    published=3640,
 )
 """3,640 questions in six relations, from three sources."""

@@ -1,7 +1,6 @@
 """Client for ``POST URL/chat/completions``, as served by vLLM, SGLang, llama.cpp, Ollama and OpenAI.
 
-It uses only the standard library, with one connection per request, so that many threads can send requests at the same
-time.
+It uses only the standard library. Many threads can send requests at the same time, each on a connection of its own.
 """
 
 from __future__ import annotations
@@ -10,25 +9,45 @@ import base64
 import http.client
 import json
 import os
+import re
 import ssl
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from functools import cached_property
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from betterbench.errors import InvalidInputError, ModelError, one_line
 from betterbench.json_form import parse_json
+from betterbench.vqa.llm.cache import ReplyCache
+from betterbench.vqa.llm.connections import Connections
+from betterbench.vqa.llm.reply import Reply
 
 Message = Mapping[str, Any]
 """One message of a conversation, with role and content."""
 
 MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
+_BUSY = 429
+_BUSY_TRIES = 10
+"""Least number of tries with a server that limits its requests."""
 _LONGEST_PAUSE_S = 30.0
+LONGEST_WISH_S = 300.0
+"""Longest pause that a server may ask for with ``Retry-After`` [s]."""
+_SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 
 class RefusedError(ModelError):
-    """Rejection of a single request (HTTP 400 or 422), for example because of its image; others may succeed."""
+    """Rejection of a single request (HTTP 400 or 422), for example because of its image; others may succeed.
+
+    Attributes:
+        retries: Reasons of the failed tries before; see :class:`~betterbench.vqa.llm.reply.Reply`.
+    """
+
+    retries: tuple[str, ...] = ()
 
 
 class Chat(Protocol):
@@ -38,8 +57,8 @@ class Chat(Protocol):
     def name(self) -> str:
         """Model name."""
 
-    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
-        """Return the answer.
+    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
+        """Return the reply.
 
         Raises:
             RefusedError: If this request was rejected.
@@ -60,7 +79,8 @@ class ChatEndpoint:
         deadline_s: float = 600.0,
         tries: int = 4,
         further: Mapping[str, Any] | None = None,
-        sleep: Callable[[float], None] = time.sleep,
+        cache: ReplyCache | None = None,
+        sleep: Callable[[float], None] | None = None,
     ) -> None:
         """Store the address without sending anything.
 
@@ -70,8 +90,10 @@ class ChatEndpoint:
             key_variable: Environment variable with the API key, if set.
             timeout_s: Longest wait for the beginning of an answer and between its parts [s].
             deadline_s: Longest wait for a whole answer [s], for servers that send it in many small parts.
-            tries: Number of times that a request is sent after transient failures.
+            tries: Number of times that a request is sent after transient failures; at least ten if the server limits
+                its requests (HTTP 429).
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
+            cache: Stored replies of earlier requests, which are not sent again.
             sleep: Waits between tries [s]; replaced in tests.
 
         Raises:
@@ -84,55 +106,82 @@ class ChatEndpoint:
             raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Give http://HOST:PORT/v1") from error
         if parts.scheme not in ("http", "https") or not host:
             raise InvalidInputError("URL", f"{one_line(url)!r} is not an HTTP address", "Give http://HOST:PORT/v1")
-        self.name, self._host, self._port, self._tls = model, host, port, parts.scheme == "https"
+        self.name, self._host, self._port, self._is_secure = model, host, port, parts.scheme == "https"
         path = parts.path.rstrip("/").removesuffix("/chat/completions")
         self._path = f"{path}/chat/completions"
         self._where = f"{parts.scheme}://{host}{f':{port}' if port else ''}{self._path}"
-        self._key_variable, self._timeout_s, self._tries, self._sleep = key_variable, timeout_s, tries, sleep
-        self._deadline_s, self._further = deadline_s, dict(further or {})
+        self._key_variable, self._timeout_s, self._tries = key_variable, timeout_s, tries
+        self._deadline_s, self._further, self._cache = deadline_s, dict(further or {}), cache
+        self._connections = Connections(self._connect)
+        self._sleep = sleep or self._connections.pause
 
-    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
-        """Return the answer at temperature 0; see :class:`Chat`."""
+    def opened(self) -> AbstractContextManager[Connections]:
+        """Return a context manager that keeps connections open between requests, and can stop them."""
+        return self._connections.kept()
+
+    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
+        """Return the reply at temperature 0; see :class:`Chat`."""
         form = {"model": self.name, "messages": list(messages), "temperature": 0, "max_tokens": max_tokens}
         form |= self._further
         body = json.dumps(form).encode()
-        problem = ""
-        for attempt in range(self._tries):
-            if attempt:
-                self._sleep(min(_LONGEST_PAUSE_S, 2.0 ** (attempt - 1)))
-            try:
-                status, reply = self._post(body)
-            except (OSError, http.client.HTTPException) as error:
-                problem = one_line(error) or type(error).__name__
-                continue
-            if status == http.client.OK:
-                return self._text(reply)
-            problem = f"HTTP {status}: {_told(reply)}"
-            if status not in _PASSING:
-                raise self._refusal(status, problem)
-        cure = "Check that the server is running, and run the same command again to resume"
-        raise ModelError(f"{self._where}: no answer after {self._tries} tries ({problem}). {cure}.")
+        if self._cache is None:
+            return self._asked(body)
+        key = self._cache.key(self._where, body)
+        known = self._cache.get(key)
+        if known is not None:
+            return known
+        reply = self._asked(body)
+        self._cache.put(key, reply)
+        return reply
 
-    def _post(self, body: bytes) -> tuple[int, bytes]:
-        headers = {"Content-Type": "application/json", "Accept": "application/json", "Connection": "close"}
+    def _asked(self, body: bytes) -> Reply:
+        """Return the reply to a request, which is repeated after transient failures."""
+        failed: list[str] = []
+        while True:
+            wish = None
+            try:
+                answer, content = self._post(body)
+            except (OSError, http.client.HTTPException) as error:
+                failed.append(_failure(error))
+                most = self._tries
+            else:
+                if answer.status == http.client.OK:
+                    return self._reply(content, tuple(failed))
+                problem = f"HTTP {answer.status}: {_told(content)}"
+                if answer.status not in _PASSING:
+                    raise self._refusal(answer.status, problem, tuple(failed))
+                failed.append(problem)
+                most = max(self._tries, _BUSY_TRIES) if answer.status == _BUSY and self._tries > 1 else self._tries
+                wish = _wished_pause(answer.headers.get("Retry-After"), datetime.now(UTC))
+            if self._connections.is_stopped:
+                raise ModelError(f"{self._where}: the request was stopped. Run the same command again to resume.")
+            if len(failed) >= most:
+                raise self._gave_up(failed, wish)
+            self._sleep(min(LONGEST_WISH_S, max(wish or 0.0, min(_LONGEST_PAUSE_S, 2.0 ** (len(failed) - 1)))))
+
+    def _gave_up(self, failed: Sequence[str], wish: float | None) -> ModelError:
+        waits = f"; the server asks to wait {wish:.0f} s" if wish is not None and wish > LONGEST_WISH_S else ""
+        cure = "Check that the server is running, and run the same command again to resume"
+        return ModelError(f"{self._where}: no answer after {len(failed)} tries ({failed[-1]}{waits}). {cure}.")
+
+    @cached_property
+    def _tls(self) -> ssl.SSLContext | None:
+        return ssl.create_default_context() if self._is_secure else None
+
+    def _connect(self) -> http.client.HTTPConnection:
+        if self._tls is None:
+            return http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
+        return http.client.HTTPSConnection(self._host, self._port, timeout=self._timeout_s, context=self._tls)
+
+    def _post(self, body: bytes) -> tuple[http.client.HTTPResponse, bytes]:
+        headers = {"Content-Type": "application/json", "Accept": "application/json"}
         key = os.environ.get(self._key_variable)
         if key:
             headers["Authorization"] = f"Bearer {key}"
-        connection: http.client.HTTPConnection
-        if self._tls:
-            context = ssl.create_default_context()
-            connection = http.client.HTTPSConnection(self._host, self._port, timeout=self._timeout_s, context=context)
-        else:
-            connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
-        try:
-            connection.request("POST", self._path, body, headers)
-            answer = connection.getresponse()
-            reply = self._read(answer)
-        finally:
-            connection.close()
+        answer, reply = self._connections.post(self._path, body, headers, self._read)
         if len(reply) > MAX_REPLY_BYTES:
             raise ModelError(f"{self._where}: the answer exceeds {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
-        return answer.status, reply
+        return answer, reply
 
     def _read(self, answer: http.client.HTTPResponse) -> bytes:
         """Return the beginning of a reply; raise TimeoutError if it is not complete in time."""
@@ -145,18 +194,23 @@ class ChatEndpoint:
             raise http.client.IncompleteRead(bytes(reply), answer.length)
         return bytes(reply)
 
-    def _text(self, reply: bytes) -> str:
+    def _reply(self, content: bytes, failed: tuple[str, ...]) -> Reply:
         try:
-            text = _text_of(parse_json(reply)["choices"][0]["message"]["content"])
+            form = parse_json(content)
+            text = _text_of(form["choices"][0]["message"]["content"])
         except (ValueError, LookupError, TypeError) as error:
             raise ModelError(
                 f"{self._where}: the answer has no choices[0].message.content. Give the address of a chat endpoint."
             ) from error
-        return text
+        usage = form.get("usage")
+        counts = usage if isinstance(usage, dict) else {}
+        return Reply(text, _count(counts.get("prompt_tokens")), _count(counts.get("completion_tokens")), failed)
 
-    def _refusal(self, status: int, problem: str) -> ModelError:
+    def _refusal(self, status: int, problem: str, failed: tuple[str, ...]) -> ModelError:
         if status in (400, 413, 422):
-            return RefusedError(f"{self._where}: {problem}")
+            refused = RefusedError(f"{self._where}: {problem}")
+            refused.retries = failed
+            return refused
         if status in (401, 403):
             return ModelError(
                 f"{self._where}: {problem}. Put the API key into the environment variable {self._key_variable}."
@@ -170,15 +224,21 @@ class ScriptedChat:
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
 
-    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
-        """Return the answer; see :class:`Chat`."""
-        return self._answer(messages)[: 8 * max_tokens]
+    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> Reply:
+        """Return the reply; see :class:`Chat`."""
+        return Reply(self._answer(messages)[: 8 * max_tokens])
 
 
 PICTURE = "<image>"
 """Mark of a picture's place in a prompt."""
 
-_MEDIA_TYPES = ((b"\x89PNG", "image/png"), (b"GIF8", "image/gif"), (b"RIFF", "image/webp"))
+_MEDIA_TYPES = (
+    (re.compile(rb"\x89PNG\r\n\x1a\n"), "image/png"),
+    (re.compile(rb"\xff\xd8\xff"), "image/jpeg"),
+    (re.compile(rb"GIF8[79]a"), "image/gif"),
+    (re.compile(rb"RIFF....WEBP", re.DOTALL), "image/webp"),
+)
+"""Beginnings of files in the formats that endpoints document, with their media types."""
 
 
 def user_message(text: str, *images: bytes) -> Message:
@@ -186,6 +246,9 @@ def user_message(text: str, *images: bytes) -> Message:
 
     If the text contains :data:`PICTURE` once per image, the images stand at these places; otherwise all images come
     before the text.
+
+    Raises:
+        InvalidInputError: If an image is in another format.
     """
     shown = [{"type": "image_url", "image_url": {"url": _data_address(image)}} for image in images]
     parts = text.split(PICTURE)
@@ -205,8 +268,16 @@ def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON
     raise TypeError
 
 
+def media_type(image: bytes) -> str | None:
+    """Return the media type of a PNG, JPEG, GIF or WebP file from its first bytes, or None for another file."""
+    return next((kind for start, kind in _MEDIA_TYPES if start.match(image)), None)
+
+
 def _data_address(image: bytes) -> str:
-    kind = next((kind for start, kind in _MEDIA_TYPES if image.startswith(start)), "image/jpeg")
+    kind = media_type(image)
+    if kind is None:
+        problem = f"begins with {image[:8]!r}, which is not PNG, JPEG, GIF or WebP"
+        raise InvalidInputError("image", problem, "Convert it to PNG")
     return f"data:{kind};base64,{base64.b64encode(image).decode()}"
 
 
@@ -220,3 +291,33 @@ def _told(reply: bytes) -> str:
     except ValueError:
         pass
     return one_line(text, most=300) or "no text"
+
+
+def _count(value: Any) -> int | None:  # noqa: ANN401 - any JSON
+    """Return a number of tokens, or None for another value."""
+    return value if type(value) is int and 0 <= value < 1 << 40 else None
+
+
+def _failure(error: OSError | http.client.HTTPException) -> str:
+    """Return the kind and the details of a failed connection."""
+    kinds = (
+        (TimeoutError, "timeout"),
+        (ConnectionRefusedError, "connection refused"),
+        ((ConnectionResetError, BrokenPipeError, http.client.RemoteDisconnected), "connection reset"),
+        (http.client.IncompleteRead, "connection closed early"),
+        (OSError, "connection failed"),
+    )
+    kind = next((name for of, name in kinds if isinstance(error, of)), "not HTTP")
+    return f"{kind}: {one_line(error, most=200) or type(error).__name__}"
+
+
+def _wished_pause(value: str | None, now: datetime) -> float | None:
+    """Return the pause of a ``Retry-After`` header in seconds or as HTTP date [s]; None without a readable one."""
+    text = (value or "").strip()
+    if _SECONDS.fullmatch(text):
+        return float(text)
+    try:
+        at = parsedate_to_datetime(text)
+        return max(0.0, ((at if at.tzinfo else at.replace(tzinfo=UTC)) - now).total_seconds())
+    except (ValueError, OverflowError):
+        return None

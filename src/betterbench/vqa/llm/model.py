@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from betterbench.errors import InvalidInputError, one_line
+from betterbench.jobs.item_threads import NoResource, Stoppable
+from betterbench.vqa.llm.cache import ReplyCache
 from betterbench.vqa.llm.chat import Chat, ChatEndpoint, user_message
+from betterbench.vqa.llm.reply import Reply
 
 _EXAMPLE = "http://localhost:8000/v1#my-model"
 
@@ -19,8 +23,8 @@ class Model(Protocol):
     def name(self) -> str:
         """Model name."""
 
-    def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
-        """Return the answer to a prompt about images (PNG, JPEG, GIF or WebP).
+    def answer(self, prompt: str, pictures: Sequence[bytes]) -> str | Reply:
+        """Return the answer to a prompt about images (PNG, JPEG, GIF or WebP), with its token counts if known.
 
         A prompt may mark the places of its images, see :func:`~betterbench.vqa.llm.chat.user_message`.
 
@@ -46,9 +50,23 @@ class ChatModel:
         """Model name."""
         return self.chat.name
 
-    def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
+    def answer(self, prompt: str, pictures: Sequence[bytes]) -> Reply:
         """Return the answer; see :class:`Model`."""
         return self.chat.complete([user_message(prompt, *pictures)], max_tokens=self.max_tokens)
+
+    def opened(self) -> AbstractContextManager[Stoppable]:
+        """Return the connections of the endpoint, kept open between requests."""
+        return opened(self.chat)
+
+
+def opened(asked: object) -> AbstractContextManager[Stoppable]:
+    """Return the resource that a thread keeps open while it sends requests to a model, or an empty one.
+
+    A model with connections has a method ``opened``.
+    """
+    found = getattr(asked, "opened", None)
+    resource: AbstractContextManager[Stoppable] = NoResource() if found is None else found()
+    return resource
 
 
 def endpoint_at(
@@ -58,6 +76,7 @@ def endpoint_at(
     key_variable: str = "OPENAI_API_KEY",
     otherwise: str = "",
     further: Mapping[str, Any] | None = None,
+    cache: ReplyCache | None = None,
 ) -> ChatEndpoint:
     """Return the chat endpoint at an address with the name of its model, ``URL#MODEL``.
 
@@ -67,6 +86,7 @@ def endpoint_at(
         key_variable: Environment variable with the API key.
         otherwise: Another value that the option accepts, for the error.
         further: Further fields of each request.
+        cache: Stored replies of earlier requests.
 
     Raises:
         InvalidInputError: If the address has no model or is not an HTTP address.
@@ -77,4 +97,4 @@ def endpoint_at(
         raise InvalidInputError(
             option, problem, f"Write {f'{otherwise}, or ' if otherwise else ''}URL#MODEL: {_EXAMPLE}"
         )
-    return ChatEndpoint(url, model, key_variable=key_variable, further=further)
+    return ChatEndpoint(url, model, key_variable=key_variable, further=further, cache=cache)

@@ -1,0 +1,63 @@
+"""Comparison of the size of a data set with its published size."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from betterbench.vlm.benchmarks.benchmark import Benchmark
+from betterbench.vlm.items import ItemSet
+
+
+@dataclass(frozen=True, slots=True)
+class Completeness:
+    """Number of items, compared with the published number.
+
+    Attributes:
+        title: Name of the benchmark in sentences.
+        n: Number of items.
+        expected: Published number of items; None if it is not known or not fixed.
+        groups: Number of items and published number by name of the group, for groups with a published number.
+    """
+
+    title: str
+    n: int
+    expected: int | None
+    groups: Mapping[str, tuple[int, int]]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all known numbers agree."""
+        return self.expected in (None, self.n) and all(n == expected for n, expected in self.groups.values())
+
+    @property
+    def sentence(self) -> str:
+        """The difference in words; empty if there is none."""
+        if self.is_complete:
+            return ""
+        differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]
+        groups = f" ({', '.join(differing)})" if differing else ""
+        return (
+            f"The data has {self.n:,} of the {self.expected or 0:,} items of {self.title}{groups}, so its scores are "
+            f"not comparable with published scores."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        groups = {name: {"n": n, "expected": of} for name, (n, of) in self.groups.items()}
+        return {**asdict(self), "groups": groups, "is_complete": self.is_complete}
+
+
+def completeness_of(benchmark: Benchmark, items: ItemSet) -> Completeness:
+    """Return the size of a data set beside the published size."""
+    kind, published = benchmark.published_groups
+    counted = Counter(_plain(item.groups.get(kind, "")) for item in items.items)
+    groups = {name: (counted[_plain(name)], of) for name, of in published.items()}
+    return Completeness(benchmark.title, len(items.items), benchmark.published, groups)
+
+
+def _plain(name: str) -> str:
+    """Return the first word of a group's name in small letters; mirrors write "Daily life" and "daily_life"."""
+    return name.replace("_", " ").strip().lower().partition(" ")[0]
