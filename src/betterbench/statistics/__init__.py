@@ -7,7 +7,7 @@ probabilities out of range. Confidence levels and alpha are two-sided, strictly 
 from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.betting import anytime_interval, evidence_above, evidence_below
 from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
-from betterbench.statistics.chance import chance_p
+from betterbench.statistics.chance import chance_p, guessing_p
 from betterbench.statistics.clustered import ClusteredMean, clustered_mean
 from betterbench.statistics.difference import (
     Difference,
@@ -78,6 +78,7 @@ __all__ = [
     "evidence_below",
     "exchange_p",
     "fisher_p",
+    "guessing_p",
     "holm",
     "mcnemar_p",
     "mean_of_rates",
