@@ -1,3 +1,12 @@
+"""Exact tests of counts against guessing."""
+
+from __future__ import annotations
+
+import pytest
+from scipy.stats import binom
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics import guessing_p
 
 
 def test_guesses_with_different_chances_are_counted_exactly():
