@@ -21,12 +21,12 @@ SCENES = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4", "O1", 
 LOST = Axis.SPATIAL_LAYOUT_SHIFT.value
 
 
-def question(name, condition, seed, *, type=QuestionType.PREMISE, camera="front", time_s=0.0, **changes):
+def question(name, condition, seed, *, kind=QuestionType.PREMISE, camera="front", time_s=0.0, **changes):
     source = FrameSource("morning_coffee", condition, seed, round(20 * time_s), time_s, camera)
     return Question(
-        id=name, type=type, form=Form.YES_NO, text=f"{name}?", options=(), answer="Yes", image="images/a.jpg",
+        id=name, type=kind, form=Form.YES_NO, text=f"{name}?", options=(), answer="Yes", image="images/a.jpg",
         width=64, height=64, difficulty=Difficulty.EASY, tags=(), objects=(), group=("g",), words={}, chance=0.5,
-        source=source, **{"family": f"of {type.value}", **changes},
+        source=source, **{"family": f"of {kind.value}", **changes},
     )  # fmt: skip
 
 
@@ -34,7 +34,7 @@ def question(name, condition, seed, *, type=QuestionType.PREMISE, camera="front"
 def asked(tmp_path_factory):
     """Ten seeds of every condition, with two types of question about each."""
     questions = tuple(
-        question(f"{scene}-{seed}-{kind.value}", scene, seed, type=kind)
+        question(f"{scene}-{seed}-{kind.value}", scene, seed, kind=kind)
         for scene in SCENES
         for seed in range(10)
         for kind in (QuestionType.PREMISE, QuestionType.RELATION)
@@ -68,7 +68,7 @@ def test_the_twin_is_of_the_same_kind_and_the_nearest_in_camera_and_time():
     here = question("here", "L1", 3, camera="wrist", time_s=2.0)
     base = scene_twin(here.source.trial).condition
     others = [
-        question("type", base, 3, type=QuestionType.RELATION, camera="wrist", time_s=2.0),
+        question("type", base, 3, kind=QuestionType.RELATION, camera="wrist", time_s=2.0),
         question("family", base, 3, camera="wrist", time_s=2.0, family="another"),
         question("seed", base, 4, camera="wrist", time_s=2.0),
         question("camera", base, 3, time_s=2.0),

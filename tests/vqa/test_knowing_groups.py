@@ -53,7 +53,8 @@ def test_a_policy_that_does_more_than_the_model_knows_is_named_too():
 
 
 def test_trials_without_answers_stay_out_of_the_rates_and_of_the_correction():
-    asked, silent = trials(8, known=True, success=False), trials(5, known=None, success=False, variation="T1", axis=None)
+    asked = trials(8, known=True, success=False)
+    silent = trials(5, known=None, success=False, variation="T1", axis=None)
     found = groups([*asked, *silent])
     assert (found["all"].trials, found["all"].knows.n) == (13, 8)
     assert (found["t/T1"].knows.n, found["t/T1"].adjusted, found["t/T1"].corrected) == (0, 1.0, None)

@@ -244,5 +244,3 @@ def test_knowing_is_set_against_doing_by_axis_variation_and_failure_mode(failing
     assert groups[failed.label.value].known_failures == 1
     assert groups["all"].to_json()["corrected"] == pytest.approx(1.0)
     assert {group.verdict.value for group in wise.groups} == {"not decided"}  # two trials decide nothing
-
-

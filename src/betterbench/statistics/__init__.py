@@ -28,7 +28,7 @@ from betterbench.statistics.power import (
     smallest_unpaired_difference,
     unpaired_power,
 )
-from betterbench.statistics.ranking import RankingArea, ranking_area
+from betterbench.statistics.ranking import RankCorrelation, RankingArea, rank_correlation, ranking_area
 from betterbench.statistics.rate import Rate
 from betterbench.statistics.ratio import difference_of, ratio_of
 from betterbench.statistics.rounding import percent, round_half_up
@@ -57,6 +57,7 @@ __all__ = [
     "Outcomes",
     "PairedTable",
     "Question",
+    "RankCorrelation",
     "RankingArea",
     "Rate",
     "StoppingRule",
@@ -87,6 +88,7 @@ __all__ = [
     "paired_bootstrap",
     "paired_power",
     "percent",
+    "rank_correlation",
     "ranking_area",
     "ratio_of",
     "round_half_up",

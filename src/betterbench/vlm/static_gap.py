@@ -115,9 +115,7 @@ def _parts(pairs: Sequence[tuple[Item, Item]]) -> Iterator[tuple[Kind, str, list
                 yield "axis and type", f"{axis}: {name}", both
 
 
-def _gap(
-    kind: Kind, name: str, members: Sequence[tuple[Item, Item]], scores: Mapping[str, Fraction]
-) -> StaticGap:
+def _gap(kind: Kind, name: str, members: Sequence[tuple[Item, Item]], scores: Mapping[str, Fraction]) -> StaticGap:
     told = [(scores[twin.id], scores[item.id]) for twin, item in members]
     scenes = [twin.cluster for twin, _ in members]
     purpose = f"static gap:{kind}:{name}"

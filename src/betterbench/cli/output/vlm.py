@@ -17,6 +17,7 @@ from betterbench.vlm.scoring import COLUMNS, Part
 if TYPE_CHECKING:
     from betterbench.diagnosis import Metric, RunDiagnosis
     from betterbench.vlm.fetching import FetchedFile
+    from betterbench.vlm.prediction import PredictionTable
     from betterbench.vlm.probe import Finding
     from betterbench.vlm.static_gap import StaticGap, StaticGaps
     from betterbench.vlm.steps import Cell, StepTable
@@ -61,6 +62,28 @@ def print_steps(table: StepTable) -> None:
             f"Intervals of 95 % are paired and keep items of one image or video together. A step is supported if its "
             f"paired test is below {table.alpha:g} after Holm's correction over all {len(table.steps)} steps."
         )
+    for line in table.warnings:
+        print_item(line)
+
+
+def print_prediction(table: PredictionTable) -> None:
+    """Print the static and acted results of each policy, and whether the first predict the second."""
+    rows = [
+        [
+            policy.name,
+            f"{100 * policy.score:.1f}",
+            "–" if policy.static_gap is None else f"{100 * policy.static_gap:+.0f}",
+            "–" if policy.training is None else f"{100 * policy.training:.0f}",
+            "–" if policy.variation is None else f"{100 * policy.variation:.0f}",
+            f"{100 * policy.gap:+.0f} ({100 * policy.low:+.0f} to {100 * policy.high:+.0f})",
+            str(policy.pairs),
+        ]
+        for policy in table.policies
+    ]
+    heads = ["policy", "static %", "static gap", "twins %", "varied %", "illusion gap", "pairs"]
+    print_table(heads, rows, title=f"{table.benchmark}, {table.column}: static score and illusion gap")
+    for found in table.predictions:
+        print_item(found.sentence)
     for line in table.warnings:
         print_item(line)
 
@@ -120,7 +143,15 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
     """Print the static illusion gaps by axis and by type, next to the acted gaps if there is a run of a policy."""
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)
-    heads = ["questions", "pairs", "training %", "varied %", "static gap", "p, Holm", *(["acted gap"] if policy else [])]
+    heads = [
+        "questions",
+        "pairs",
+        "training %",
+        "varied %",
+        "static gap",
+        "p, Holm",
+        *(["acted gap"] if policy else []),
+    ]
     rows = [
         [
             gap.name.replace("_", " "),
@@ -157,8 +188,9 @@ def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> li
         if did is not None and did.value is not None and did.low is not None and did.low > gap.difference.high:
             name = "all variations" if gap.kind == "all" else gap.name.replace("_", " ")
             lines.append(
-                f"{name}: the policy loses {100 * did.value:.0f} points, the model {100 * (gap.difference.value or 0):.0f}, "
-                "and the intervals do not overlap: this loss is not in what the model recognizes."
+                f"{name}: the policy loses {100 * did.value:.0f} points, the model "
+                f"{100 * (gap.difference.value or 0.0):.0f}, and the intervals do not overlap: this loss is not in "
+                "what the model recognizes."
             )
     return lines
 

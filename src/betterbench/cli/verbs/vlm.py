@@ -112,7 +112,9 @@ def vlm_command(
     if is_learner:
         _require_set(chosen, data, records, {"--eyes": eyes != "native", "--coordinates": coordinates is not None})
     elif records is not None:
-        raise InvalidInputError("--records", "it applies only to a learner", f"Leave it out, or give {LEARNER}:CHECKPOINT")
+        raise InvalidInputError(
+            "--records", "it applies only to a learner", f"Leave it out, or give {LEARNER}:CHECKPOINT"
+        )
     if acted is not None and benchmark != "better-vqa":
         raise InvalidInputError("--acted", f"{benchmark} has no static illusion gap", "Leave it out, or run better-vqa")
     if chosen is None:

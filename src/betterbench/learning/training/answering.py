@@ -1,8 +1,8 @@
 """A co-trained learner as a model of ``better vlm``: it answers the questions of a set about recorded frames.
 
-The learner belongs to the family ``objects``. It gets the recorded state of a question's frame, which a perfect detector
-would find in the image, see :mod:`betterbench.learning.training.own_answers`. It answers with the most likely of the
-answers that the form of the question allows.
+The learner belongs to the family ``objects``. It gets the recorded state of a question's frame in place of the image
+(see :mod:`betterbench.learning.training.own_answers`), and answers with the most likely of the answers that the
+question allows.
 """
 
 from __future__ import annotations

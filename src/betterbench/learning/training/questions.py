@@ -1,8 +1,8 @@
 """Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
 
-A learner chooses among all answers of its training questions. The answer for a box or a point, and for an option that is
-a box, is the cell that contains its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The
-input is the same as for acting at that row, with the question in place of the instruction.
+A learner chooses among all answers of its training questions. The answer for a box, a point or an option that is a box
+is the cell that contains its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The input is
+the same as for acting at that row, with the question in place of the instruction.
 """
 
 from __future__ import annotations
