@@ -15,7 +15,6 @@ collect_ignore = (
     if all(map(importlib.util.find_spec, NEEDED))
     else [
         "test_acting.py",
-        "test_answering.py",
         "test_claims.py",
         "test_loop.py",
         "test_own_answers.py",
