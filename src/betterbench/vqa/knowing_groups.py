@@ -149,7 +149,10 @@ def _members(trials: Sequence[AskedTrial]) -> Iterable[tuple[GroupKind, str, lis
         if members := [t for t in trials if t.axis == axis and (axis is not None or t.variation is None)]:
             yield "axis", axis or TRAINING, members
     names = dict.fromkeys((t.task, t.variation or TRAINING) for t in trials)
+    several = len({task for task, _ in names}) > 1
     for task, name in sorted(names, key=lambda pair: (pair[0], pair[1] != TRAINING, pair[1])):
+        if name == TRAINING and not several:
+            continue  # the same trials as in the group of the axes
         yield "variation", f"{task}/{name}", [t for t in trials if (t.task, t.variation or TRAINING) == (task, name)]
     for label in sorted({t.label for t in trials if not t.success}):
         yield "label", label, [t for t in trials if t.label == label]

@@ -11,6 +11,7 @@ from betterbench.cli.console import print_item, print_table
 from betterbench.cli.output.vqa import difference_in_points
 from betterbench.statistics import round_half_up
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
+from betterbench.vlm.items import AXIS
 from betterbench.vlm.running import StaticRun
 from betterbench.vlm.scoring import COLUMNS, Part
 
@@ -35,7 +36,10 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
         acted: Diagnosis of a policy's run, whose illusion gap is shown next to the static one.
     """
     score, columns = run.score, COLUMNS if run.extracted is not None else COLUMNS[:2]
-    shown = [p for p in score.parts if sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS]
+    left_out = {AXIS} if score.gaps is not None else set()  # the table of gaps has the axes
+    shown = [
+        p for p in score.parts if p.kind not in left_out and sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS
+    ]
     with_chance = any("chance" in p.reference for p in shown)
     rows = [_row(part, columns, with_chance=with_chance) for part in shown]
     heads = [benchmark.title, "n", "unread", *(["chance"] if with_chance else []), *columns, "95 % interval"]
@@ -156,18 +160,18 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
         [
             gap.name.replace("_", " "),
             str(gap.pairs),
-            f"{100 * gap.training:.1f}",
-            f"{100 * gap.variation:.1f}",
+            f"{100 * gap.training:.0f} %",
+            f"{100 * gap.variation:.0f} %",
             difference_in_points(gap.difference),
             "–" if gap.adjusted is None else f"{gap.adjusted:.2g}",
             *([_acted(policy.get(gap.name))] if policy else []),
         ]
         for gap in shown
     ]
-    print_table(heads, rows, title="Static illusion gap: training scenes minus interventions, points")
+    print_table(heads, rows, title="Static illusion gap: training scenes minus interventions, in points")
     print_item(
         f"{gaps.paired} of {gaps.questions} questions about variations have a static twin: a question of the same kind "
-        "about the training scene with the same seed. p is corrected with Holm over the rows."
+        "about the training scene with the same seed. p is the paired test's, after Holm's correction over the rows."
     )
     for line in gap_sentences(shown, policy):
         print_item(line)

@@ -85,23 +85,22 @@ def _print_groups(known: Knowledge) -> None:
     """Print knowledge against behavior by axis, variation and failure mode."""
     rows = [
         [
-            group.name,
+            group.name.replace("_", " "),
             f"{group.knows.k}/{group.knows.n}",
             f"{group.expected:.1f}",
             f"{group.does.k}/{group.does.n}",
             difference_in_points(group.difference) if group.knows.n else "–",
-            f"{group.known_failures}/{group.failed} ({group.expected_failures:.1f})",
             f"{group.adjusted:.2g}" if group.knows.n else "–",
-            group.verdict.value,
+            group.verdict.value if group.knows.n else "not asked",
         ]
         for group in known.groups
     ]
     if not rows:
         return
-    columns = ["trials", "knows", "guessed", "does", "knows − does", "failed, knows", "p, Holm", "verdict"]
-    print_table(columns, rows, title="knowing against doing, same trials")
+    columns = ["trials", "knows", "guessed", "does", "knows − does", "p", "finding"]
+    print_table(columns, rows, title="knowing against doing, on the same trials")
     OUT.print(
-        "Guessed: expected without the image. The claim that the model knows more than the policy does requires "
+        "Guessed: expected without the image. The finding that the model knows more than the policy does requires "
         "McNemar's exact test, and more known failures than guessing explains; p is the larger one, after Holm's "
         f"correction over {sum(group.knows.n > 0 for group in known.groups)} groups.",
         markup=False,
