@@ -96,7 +96,8 @@ _KINDS = {"all": "All trials", "axis": "By axis", "variation": "By variation", "
 
 def _group_row(group: GroupKnowledge) -> GroupRow:
     labels = {label.value: label for label in all_labels()}
-    name = labels.get(group.name, group.name) if group.kind == "label" else group.name.replace("_", " ")
+    shown = group.name.replace("_", " ") if group.kind == "axis" else group.name
+    name = labels.get(group.name, group.name) if group.kind == "label" else shown
     if not group.knows.n:
         return GroupRow(_KINDS[group.kind], name, ("–", "–", "–", "–", "–", "–", "not asked"), is_supported=False)
     gap = group.difference
@@ -104,7 +105,7 @@ def _group_row(group: GroupKnowledge) -> GroupRow:
         _knows(group.knows),
         f"{group.expected:.1f}",
         _knows(group.does),
-        f"{100 * (gap.value or 0.0):+.0f} ({gap.low_pp:+.0f} to {gap.high_pp:+.0f})",
+        f"{100 * (gap.value or 0.0):+.0f} ({gap.low_pp:+.0f} to {gap.high_pp:+.0f})".replace("-", "−"),
         f"{group.known_failures}/{group.failed} (guessed {group.expected_failures:.1f})",
         f"{group.adjusted:.2g}",
         group.verdict.value,
