@@ -1,12 +1,13 @@
 """Take the pictures of our pages that the documentation shows, in a headless Chromium.
 
-The report covers the full suite, one trial per variation; the teleoperation page shows two packed items; the review
-page shows a mug set upright.
+The report covers the full suite, one trial per variation; the section on knowledge is of a run with a model's answers;
+the teleoperation page shows two packed items; the review page shows a mug set upright.
 
 Example:
     better eval --policy zoo:lexical --trials 1 --out runs/lexical
     better report runs/lexical
     python tools/page_pictures.py report runs/lexical/report/index.html --out docs/pictures/report.jpg
+    python tools/page_pictures.py knowledge runs/mine/report/index.html --out docs/pictures/knowing.png
     python tools/page_pictures.py teleop runs/by_hand --out docs/pictures/teleop.jpg
     python tools/page_pictures.py review runs/review --out docs/pictures/review.jpg
 """
@@ -41,6 +42,9 @@ REPORT_SIZE, TELEOP_SIZE, REVIEW_SIZE = (1200, 700), (1280, 720), (1440, 800)
 LAPTOP = (1440, 840)
 """Size at which the report is shown [px]: its first screen with the film; scaled to the picture size."""
 
+_MARGIN = 80
+"""Height of the page's head above a section [px]."""
+
 REPORT_QUALITY, TELEOP_QUALITY = 82, 85
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
@@ -50,13 +54,17 @@ _DISMISS_NOTICE = "document.querySelectorAll('.mantine-Notification-closeButton'
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write one picture; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("page", choices=("report", "teleop", "review"))
+    parser.add_argument("page", choices=("report", "knowledge", "teleop", "review"))
     parser.add_argument(
         "source", type=Path, help="the report's index.html, or a new folder for the demonstration or the review"
     )
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as profile:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        if options.page == "knowledge":
+            options.out.write_bytes(knowledge_section(options.source, Path(profile)))
+            print(options.out)
+            return 0
         if options.page == "report":
             png, size, quality = report_page(options.source, Path(profile)), REPORT_SIZE, REPORT_QUALITY
         elif options.page == "review":
@@ -74,6 +82,17 @@ def report_page(page: Path, profile: Path) -> bytes:
     with browser(profile) as chromium:
         chromium.open(page, *LAPTOP)
         chromium.wait_until("[...document.images].filter(i => i.src && i.offsetParent).every(i => i.complete)")
+        return bytes(chromium.screenshot())
+
+
+def knowledge_section(page: Path, profile: Path) -> bytes:
+    """Return the section of a report on a model's knowledge as PNG, in full height."""
+    with browser(profile) as chromium:
+        chromium.open(page, *LAPTOP)
+        height = int(chromium.value("document.querySelector('#knowledge').offsetHeight"))
+        chromium.open(page, LAPTOP[0], height + _MARGIN)
+        chromium.value("document.querySelector('#knowledge').scrollIntoView({behavior: 'instant'}); 1")
+        time.sleep(1.0)
         return bytes(chromium.screenshot())
 
 

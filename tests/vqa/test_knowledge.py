@@ -231,3 +231,16 @@ def test_descriptions_are_kept_with_the_set_and_not_asked_for_twice(run, made, s
     lines = [json.loads(line) for line in (made.path / "descriptions.jsonl").read_text().splitlines()]
     assert len(lines) == first.kept
     assert parsed_texts(json.dumps(reply))[0].claims == (StateClaim("sponge", "is absent"),)
+
+
+def test_knowing_is_set_against_doing_by_axis_variation_and_failure_mode(failing, decisive, tmp_path, capsys):
+    diagnosis = diagnose_run(failing)
+    wise = knowledge_of(diagnosis, decisive, answered(decisive, tmp_path, lambda q: q.reply, "wise"))
+    groups = {group.name: group for group in wise.groups}
+    failed = next(t for t in diagnosis.trials if not t.success)
+    assert {group.kind for group in wise.groups} == {"all", "axis", "variation", "label"}
+    assert {failed.axis, f"{failed.task}/{failed.variation}", failed.label.value, "all"} <= groups.keys()
+    assert (groups["all"].knows.k, groups["all"].does.k, groups["all"].trials) == (2, 1, 2)
+    assert groups[failed.label.value].known_failures == 1
+    assert groups["all"].to_json()["corrected"] == pytest.approx(1.0)
+    assert {group.verdict.value for group in wise.groups} == {"not decided"}  # two trials decide nothing

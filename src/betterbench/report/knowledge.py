@@ -8,6 +8,7 @@ from betterbench.statistics import Rate
 from betterbench.statistics.wording import counted
 from betterbench.tasks.labels import Label, all_labels
 from betterbench.vqa.knowing import Knowledge, KnowledgeStanding, LabelKnowledge
+from betterbench.vqa.knowing_groups import GroupKnowledge, GroupVerdict
 
 COLUMNS = {
     KnowledgeStanding.KNOWS_AND_DOES: "knows and does",
@@ -28,12 +29,30 @@ class KnowledgeRow:
 
 
 @dataclass(frozen=True, slots=True)
+class GroupRow:
+    """Row of the table of knowledge against behavior for one group of trials.
+
+    Attributes:
+        kind: Kind of group, for the heading of its part of the table.
+        name: Name of the group, or its label.
+        is_supported: Whether the tests decided the group's claim.
+    """
+
+    kind: str
+    name: Label | str
+    cells: tuple[str, ...]
+    is_supported: bool
+
+
+@dataclass(frozen=True, slots=True)
 class KnowledgeView:
     """The table of one policy and one model.
 
     Attributes:
         roles: Correct answers by role of the question, one phrase each.
         known_failures: Keys of the failed trials whose right decision the model knew.
+        groups: Knowledge against behavior by axis, variation and failure mode.
+        tested: Number of groups in Holm's correction.
     """
 
     model: str
@@ -43,6 +62,9 @@ class KnowledgeView:
     rows: tuple[KnowledgeRow, ...]
     roles: tuple[str, ...]
     known_failures: tuple[str, ...]
+    group_columns: tuple[str, ...] = ()
+    groups: tuple[GroupRow, ...] = ()
+    tested: int = 0
 
 
 def knowledge_view(known: Knowledge) -> KnowledgeView:
@@ -56,6 +78,9 @@ def knowledge_view(known: Knowledge) -> KnowledgeView:
         tuple(_row(entry) for entry in known.labels),
         tuple(f"{role} {counted(rate)}" for role, rate in known.roles.items()),
         failures,
+        ("knows", "guessed", "does", "knows − does, points", "failed, knows", "p, Holm", "finding"),
+        tuple(_group_row(group) for group in known.groups),
+        sum(group.knows.n > 0 for group in known.groups),
     )
 
 
@@ -64,6 +89,28 @@ def _row(entry: LabelKnowledge) -> KnowledgeRow:
     counts = (str(entry.counts[standing.value]) for standing in COLUMNS)
     cells = (str(entry.n), _knows(entry.knows), f"{100 * entry.chance:.1f} %", *counts)
     return KnowledgeRow(labels.get(entry.label, entry.label), cells)
+
+
+_KINDS = {"all": "All trials", "axis": "By axis", "variation": "By variation", "label": "Failures by label"}
+
+
+def _group_row(group: GroupKnowledge) -> GroupRow:
+    labels = {label.value: label for label in all_labels()}
+    shown = group.name.replace("_", " ") if group.kind == "axis" else group.name
+    name = labels.get(group.name, group.name) if group.kind == "label" else shown
+    if not group.knows.n:
+        return GroupRow(_KINDS[group.kind], name, ("–", "–", "–", "–", "–", "–", "not asked"), is_supported=False)
+    gap = group.difference
+    cells = (
+        _knows(group.knows),
+        f"{group.expected:.1f}",
+        _knows(group.does),
+        f"{100 * (gap.value or 0.0):+.0f} ({gap.low_pp:+.0f} to {gap.high_pp:+.0f})".replace("-", "−"),
+        f"{group.known_failures}/{group.failed} (guessed {group.expected_failures:.1f})",
+        f"{group.adjusted:.2g}",
+        group.verdict.value,
+    )
+    return GroupRow(_KINDS[group.kind], name, cells, is_supported=group.verdict is not GroupVerdict.OPEN)
 
 
 def _knows(rate: Rate) -> str:

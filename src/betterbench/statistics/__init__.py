@@ -7,7 +7,7 @@ probabilities out of range. Confidence levels and alpha are two-sided, strictly 
 from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.betting import anytime_interval, evidence_above, evidence_below
 from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
-from betterbench.statistics.chance import chance_p
+from betterbench.statistics.chance import chance_p, guessing_p
 from betterbench.statistics.clustered import ClusteredMean, clustered_mean
 from betterbench.statistics.difference import (
     Difference,
@@ -28,7 +28,7 @@ from betterbench.statistics.power import (
     smallest_unpaired_difference,
     unpaired_power,
 )
-from betterbench.statistics.ranking import RankingArea, ranking_area
+from betterbench.statistics.ranking import RankCorrelation, RankingArea, rank_correlation, ranking_area
 from betterbench.statistics.rate import Rate
 from betterbench.statistics.ratio import difference_of, ratio_of
 from betterbench.statistics.rounding import percent, round_half_up
@@ -57,6 +57,7 @@ __all__ = [
     "Outcomes",
     "PairedTable",
     "Question",
+    "RankCorrelation",
     "RankingArea",
     "Rate",
     "StoppingRule",
@@ -78,6 +79,7 @@ __all__ = [
     "evidence_below",
     "exchange_p",
     "fisher_p",
+    "guessing_p",
     "holm",
     "mcnemar_p",
     "mean_of_rates",
@@ -86,6 +88,7 @@ __all__ = [
     "paired_bootstrap",
     "paired_power",
     "percent",
+    "rank_correlation",
     "ranking_area",
     "ratio_of",
     "round_half_up",

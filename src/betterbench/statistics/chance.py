@@ -1,7 +1,12 @@
-"""Test of a rate against guessing."""
+"""Tests of a count against guessing."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import check_fraction
 from betterbench.statistics.rate import Rate
 from betterbench.statistics.unpaired import binomial_probabilities
@@ -26,3 +31,28 @@ def chance_p(rate: Rate, *, chance: float) -> float:
     check_fraction("chance", chance)
     likely = binomial_probabilities(rate.n, chance)
     return min(1.0, float(likely[likely <= likely[rate.k] * (1.0 + _TIE)].sum()))
+
+
+def guessing_p(right: int, chances: Sequence[float]) -> float:
+    """Return the probability that guessing gives at least as many right answers (one-sided exact test).
+
+    The number of right guesses with different chances has a Poisson binomial distribution, which is computed exactly.
+
+    Args:
+        right: Number of right answers.
+        chances: Probability of guessing each answer, shape (n,), between 0 and 1.
+
+    Returns:
+        The p-value, 1.0 without answers.
+
+    Raises:
+        InvalidInputError: If a chance is not a probability, or there are more right answers than answers.
+    """
+    if any(not 0.0 <= chance <= 1.0 for chance in chances):
+        raise InvalidInputError("chances", "a chance is not between 0 and 1", "Give probabilities")
+    if not 0 <= right <= len(chances):
+        raise InvalidInputError("right", f"{right} of {len(chances)} answers", "Give a count of at most the answers")
+    likely = np.ones(1)
+    for chance in chances:
+        likely = np.convolve(likely, (1.0 - chance, chance))
+    return min(1.0, float(likely[right:].sum()))

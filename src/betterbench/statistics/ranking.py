@@ -1,12 +1,15 @@
-"""Ranking quality of a score: the area under its ROC curve."""
+"""Ranking quality of a score: the area under its ROC curve, and the rank correlation of two quantities."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from itertools import permutations
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics.bisection import last_held
@@ -64,3 +67,122 @@ def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
         return abs(area - other) <= quantile * math.sqrt(spread / (m * n))
 
     return last_held(near, area, end)
+
+
+EXACT_RANKS_UP_TO = 8
+"""Largest number of cases for which all orders are enumerated."""
+_DRAWN_ORDERS = 99_999
+_RESAMPLES = 10_000
+_SLACK = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class RankCorrelation:
+    """Spearman's rank correlation between two quantities over the same cases.
+
+    Attributes:
+        value: The correlation between -1 and 1; None if one of the quantities has only one value.
+        low: Lower end of the interval.
+        high: Upper end.
+        p: Two-sided p-value of the permutation test; 1.0 without a value.
+        n: Number of cases.
+    """
+
+    value: float | None
+    low: float
+    high: float
+    p: float
+    n: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return asdict(self)
+
+
+def rank_correlation(
+    first: Sequence[float],
+    second: Sequence[float],
+    *,
+    generator: np.random.Generator,
+    confidence: float = DEFAULT_CONFIDENCE,
+) -> RankCorrelation:
+    """Return Spearman's rank correlation with a permutation test; equal values share their mean rank.
+
+    The test compares the observed correlation with those of all orders of the second quantity; it is exact for up to
+    :data:`EXACT_RANKS_UP_TO` cases and uses random orders beyond. The smallest possible p-value of n cases without ties
+    is 2 / n!, which is 0.083 for four and 0.017 for five cases.
+
+    The interval is the wider of two: the percentile bootstrap over cases, and Fisher's transformation with the variance
+    of Bonett and Wright (Psychometrika 65, 2000, 23-28). The latter uses at most the correlation of a ranking with one
+    exchange of neighbors, so that the interval of a perfect ranking has a width. Three or fewer cases have the interval
+    [-1, 1].
+
+    Args:
+        first: Values of the first quantity, shape (n,).
+        second: Values of the second quantity, shape (n,).
+        generator: Source of randomness.
+        confidence: Two-sided confidence level.
+
+    Raises:
+        InvalidInputError: If the lengths differ or a value is not finite.
+    """
+    if len(first) != len(second):
+        problem = f"{len(first)} values and {len(second)} values cannot be paired"
+        raise InvalidInputError("first, second", problem, "Give one of each per case")
+    x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise InvalidInputError("first, second", "a value is not finite", "Give finite numbers")
+    quantile, n = normal_quantile(confidence), len(x)
+    value = _spearman(x, y)
+    if value is None:
+        return RankCorrelation(None, -1.0, 1.0, 1.0, n)
+    low, high = -1.0, 1.0
+    if n > 3:
+        ends = _transformed(value, n, quantile), _resampled(x, y, generator, confidence)
+        low, high = min(value, *(end[0] for end in ends)), max(value, *(end[1] for end in ends))
+    return RankCorrelation(value, low, high, _order_p(x, y, value, generator), n)
+
+
+def _spearman(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float | None:
+    a, b = _centered_ranks(x), _centered_ranks(y)
+    size = math.sqrt(float(a @ a) * float(b @ b))
+    return None if size == 0.0 else max(-1.0, min(1.0, float(a @ b) / size))
+
+
+def _centered_ranks(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the ranks minus their mean; equal values share their mean rank."""
+    below = (values[None, :] < values[:, None]).sum(axis=1)
+    equal = (values[None, :] == values[:, None]).sum(axis=1)
+    ranks: npt.NDArray[np.float64] = below + 0.5 * (equal - 1)
+    return ranks - 0.5 * (len(values) - 1)
+
+
+def _order_p(
+    x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], value: float, generator: np.random.Generator
+) -> float:
+    a, b, n = _centered_ranks(x), _centered_ranks(y), len(x)
+    least = abs(value) * math.sqrt(float(a @ a) * float(b @ b)) - _SLACK
+    if n <= EXACT_RANKS_UP_TO:
+        orders = np.array(list(permutations(range(n))))
+        return float((np.abs(b[orders] @ a) >= least).mean())
+    drawn = sum(abs(float(b[generator.permutation(n)] @ a)) >= least for _ in range(_DRAWN_ORDERS))
+    return (1 + drawn) / (1 + _DRAWN_ORDERS)
+
+
+def _transformed(value: float, n: int, quantile: float) -> tuple[float, float]:
+    """Return the interval from Fisher's transformation."""
+    largest = 1.0 - 12.0 / (n * (n * n - 1.0))  # of a ranking with one exchange of neighbors
+    inner = max(-largest, min(largest, value))
+    half = quantile * math.sqrt((1.0 + inner * inner / 2.0) / (n - 3.0))
+    return math.tanh(math.atanh(inner) - half), math.tanh(math.atanh(inner) + half)
+
+
+def _resampled(
+    x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], generator: np.random.Generator, confidence: float
+) -> tuple[float, float]:
+    """Return the percentile bootstrap interval; resamples with a constant quantity are left out."""
+    drawn = (generator.integers(0, len(x), size=len(x)) for _ in range(_RESAMPLES))
+    found = [told for rows in drawn if (told := _spearman(x[rows], y[rows])) is not None]
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(found, (tail, 1.0 - tail)) if found else (-1.0, 1.0)
+    return float(low), float(high)

@@ -24,6 +24,9 @@ from betterbench.vqa.question import Form
 _MASKS = 32
 """Number of target regions in memory."""
 
+AXIS, TRAINING = "axis", "training"
+"""Kind of group for the axis of an item's scene, and the name of the group about training scenes."""
+
 
 @dataclass(frozen=True, slots=True)
 class Gold:
@@ -86,6 +89,7 @@ class ItemSet:
         files: SHA-256 of the files with the items, by name; part of the content hash.
         reference: Reference rates by name of a group, such as chance and the blind classifier (in percent).
         content: Content hash of the source, where the source defines one; otherwise computed from the items.
+        twins: Identifier of the item about the training scene, by the identifier of an item about a variation.
     """
 
     benchmark: str
@@ -94,6 +98,7 @@ class ItemSet:
     files: Mapping[str, str] = field(default_factory=dict)
     reference: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     content: str = ""
+    twins: Mapping[str, str] = field(default_factory=dict)
     _masks: dict[tuple[str, int], npt.NDArray[np.bool_]] = field(default_factory=dict, repr=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 

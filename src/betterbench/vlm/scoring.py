@@ -16,6 +16,7 @@ from typing import Any
 from betterbench.statistics import ClusteredMean, clustered_mean
 from betterbench.vlm.benchmarks.benchmark import Benchmark
 from betterbench.vlm.items import Item, ItemSet
+from betterbench.vlm.static_gap import StaticGaps, static_gaps
 from betterbench.vqa.coordinates import Convention
 from betterbench.vqa.parsing import Read, Stage, read_text
 from betterbench.vqa.parsing.extractor import read_extraction
@@ -100,6 +101,7 @@ class StaticScore:
         changed: Number of items whose score the extractor changed.
         outside: Number of items with a place outside the image.
         items: Scores of the items in order.
+        gaps: Static illusion gaps; None for a benchmark without static twins.
     """
 
     benchmark: str
@@ -110,6 +112,7 @@ class StaticScore:
     changed: int
     outside: int
     items: tuple[ItemScore, ...]
+    gaps: StaticGaps | None = None
 
     @property
     def all(self) -> Part:
@@ -130,6 +133,7 @@ class StaticScore:
             "changed_by_extractor": self.changed,
             "outside_the_picture": self.outside,
             "parts": [part.to_json() for part in self.parts],
+            "static_gap": None if self.gaps is None else self.gaps.to_json(),
         }
 
 
@@ -173,6 +177,7 @@ def score_answers(
         changed=sum(s.stage == "extractor" and s.score > 0 for s in scores),
         outside=sum(s.is_outside for s in scores),
         items=scores,
+        gaps=static_gaps(items, {column: {s.id: s.score_in(column) for s in scores} for column in COLUMNS}),
     )
 
 

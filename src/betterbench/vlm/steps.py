@@ -10,22 +10,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from betterbench.errors import InvalidInputError, RunConflictError
-from betterbench.statistics import (
-    Difference,
-    PairedTable,
-    holm,
-    mcnemar_p,
-    paired_bootstrap,
-    sign_flip_p,
-    wider_paired_difference,
-)
-from betterbench.tasks.randomness import stream
+from betterbench.statistics import Difference, holm
+from betterbench.vlm.pairs import paired_difference, paired_p
 from betterbench.vlm.stored import StoredRun, read_static_run
 
 FACTORS = {
@@ -224,36 +215,10 @@ def _step(upper: str, lower: str, above: StoredRun, below: StoredRun, column: st
     clusters = [item.cluster for item in first]
     name = above.benchmark.name
     purpose = f"{name}:{upper}:{lower}"
-    difference = _difference(pairs, clusters, purpose)
-    p, test = _paired_p(pairs, clusters, purpose)
+    difference = paired_difference(pairs, clusters, purpose)
+    p, test = paired_p(pairs, clusters, purpose)
     changed = tuple(word for key, word in FACTORS.items() if above.head.get(key) != below.head.get(key))
     return Step(upper, lower, above.benchmark.title, difference, p, p, test, changed, is_supported=False)
-
-
-def _is_binary(pairs: Sequence[tuple[Fraction, Fraction]]) -> bool:
-    return all(score in (0, 1) for pair in pairs for score in pair)
-
-
-def _difference(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> Difference:
-    generator = stream("static steps", 0, f"bootstrap:{purpose}")
-    if _is_binary(pairs):
-        outcomes = [(a == 1, b == 1) for a, b in pairs]
-        strata = [""] * len(pairs)
-        return wider_paired_difference(outcomes, generator=generator, strata=strata, clusters=clusters)
-    first, second = ([float(pair[side]) for pair in pairs] for side in (0, 1))
-    return paired_bootstrap(first, second, generator=generator, clusters=clusters)
-
-
-def _paired_p(pairs: Sequence[tuple[Fraction, Fraction]], clusters: Sequence[str], purpose: str) -> tuple[float, str]:
-    """Return the p-value of a paired test that keeps the items of a cluster together, and the test's name."""
-    if len(set(clusters)) == len(clusters) and _is_binary(pairs):
-        return mcnemar_p(PairedTable.from_outcomes((a == 1, b == 1) for a, b in pairs)), "McNemar, exact"
-    sums: dict[str, Fraction] = defaultdict(Fraction)
-    for (a, b), cluster in zip(pairs, clusters, strict=True):
-        sums[cluster] += a - b
-    differing = [float(value) for value in sums.values() if value]
-    p = sign_flip_p(differing, generator=stream("static steps", 0, f"flips:{purpose}"))
-    return p, "sign flips of clusters"
 
 
 def _warnings(rows: dict[str, dict[str, StoredRun]], column: str) -> tuple[str, ...]:

@@ -64,6 +64,16 @@ class StoredRun:
         """The benchmark."""
         return find_benchmark(str(self.head["benchmark"]))
 
+    def static_gap(self, column: str) -> float | None:
+        """Return the static illusion gap over all pairs in a column, as a fraction; None if the run has none."""
+        told = self.head.get("static_gap")
+        if not isinstance(told, Mapping):
+            return None
+        try:
+            return float(told["by_column"][column][0]["difference"]["value"])
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise RecordError(f"{self.path / RESULT_NAME}: its static gap has no {error}. {_CURE}.") from error
+
     def counted(self) -> tuple[StoredItem, ...]:
         """Return the items in the headline number of the benchmark."""
         rule = self.benchmark.headline

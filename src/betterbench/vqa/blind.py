@@ -184,12 +184,20 @@ def _numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in re.findall(r"-?\d+(?:\.\d+)?", text))
 
 
+def box_cell(text: str, width: int, cells: int) -> str | None:
+    """Return the cell "column,row" of a box in written form, given the image width in pixels; None for other texts."""
+    if re.fullmatch(r"\[[\d, ]+\]", text) is None:
+        return None
+    box = [int(v) for v in _numbers(text)]
+    return _cell(box, width, cells) if len(box) == 4 else None
+
+
 def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
     """Return a text with each box replaced by a word for the cell of its center, given the image width in pixels."""
     for found in re.findall(r"\[[\d, ]+\]", text):
-        box = [int(v) for v in _numbers(found)]
-        if len(box) == 4:
-            text = text.replace(found, f" cell{_cell(box, width, cells).replace(',', 'x')} ")
+        cell = box_cell(found, width, cells)
+        if cell is not None:
+            text = text.replace(found, f" cell{cell.replace(',', 'x')} ")
     return text
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from math import prod
 from pathlib import Path
@@ -23,6 +23,7 @@ from betterbench.vqa.asking import Answers
 from betterbench.vqa.blind import blind_right
 from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.decisive import DECIDING, ROLES, folds_of
+from betterbench.vqa.knowing_groups import GroupKnowledge, group_knowledge
 from betterbench.vqa.question import Question
 
 _MAX_BYTES = 1 << 26
@@ -51,6 +52,9 @@ class TrialKnowledge:
         deciding: The roles that show, for this label, whether the model knew the right decision.
         chance: Probability of answering all deciding questions correctly without an image, by guessing or from the
             words, whichever is larger.
+        task: Task name; "" in files of earlier versions, as the two following.
+        variation: Variation name, or None for a training condition.
+        axis: Variation axis, or None.
     """
 
     key: str
@@ -60,6 +64,16 @@ class TrialKnowledge:
     roles: dict[str, bool]
     deciding: tuple[str, ...]
     chance: float
+    task: str = ""
+    variation: str | None = None
+    axis: str | None = None
+
+    @property
+    def is_known(self) -> bool | None:
+        """Whether the model knew the right decision, or None if it was not asked."""
+        if self.standing is KnowledgeStanding.NOT_ASKED:
+            return None
+        return self.standing in (KnowledgeStanding.KNOWS_AND_DOES, KnowledgeStanding.KNOWS_AND_DOES_NOT)
 
 
 @open_form
@@ -122,6 +136,11 @@ class Knowledge:
         """Whether every question was put to the model."""
         return self.answered == self.asked
 
+    @property
+    def groups(self) -> tuple[GroupKnowledge, ...]:
+        """Knowledge against behavior by axis, variation and failure mode; empty for a file of an earlier version."""
+        return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
+
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
         """Return the number of trials with a given standing, optionally only failed or only solved trials."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
@@ -148,6 +167,7 @@ class Knowledge:
             "asked": self.asked,
             "answered": self.answered,
             "labels": [x.to_json() for x in self.labels],
+            "groups": [x.to_json() for x in self.groups],
             "roles": {name: rate.to_json() for name, rate in self.roles.items()},
             "trials": [asdict(t) for t in self.trials],
         }
@@ -184,7 +204,12 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
         )
     blind = _blind_by_role(asked.questions)
     found = tuple(
-        _trial(t.key, t.label, by_trial.get(t.trial_id, []), answers, blind, success=t.kind is Kind.NONE)
+        replace(
+            _trial(t.key, t.label, by_trial.get(t.trial_id, []), answers, blind, success=t.kind is Kind.NONE),
+            task=t.task,
+            variation=t.variation,
+            axis=t.axis,
+        )
         for t in trials
     )
     roles = {

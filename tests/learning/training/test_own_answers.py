@@ -18,18 +18,25 @@ from betterbench.diagnosis import diagnose_run
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.figures.views import ViewRenderer
+from betterbench.learning.training import answering
 from betterbench.learning.training import own_answers as module
+from betterbench.learning.training.answering import LearnerModel
 from betterbench.learning.training.batches import Batches
 from betterbench.learning.training.data import read_training_set
 from betterbench.learning.training.own_answers import ask_about_run, own_answers, summaries_of
+from betterbench.learning.training.questions import learned_class, option_class
 from betterbench.policies.kinds import read_address
 from betterbench.policies.learned.checkpoint import Trained, write_checkpoint
 from betterbench.policies.learned.loading import load_learner
 from betterbench.policies.learned.networks import new_network
 from betterbench.policies.learned.policy import Learner
 from betterbench.policies.learned.vocabulary import Vocabulary
+from betterbench.vqa import Form
+from betterbench.vqa.asking import prompt_for
 from betterbench.vqa.blind import answer_class
-from betterbench.vqa.decisive import TIMES_ASKED
+from betterbench.vqa.decisive import TIMES_ASKED, DecisiveOptions, make_decisive_set
+from betterbench.vqa.llm import RefusedError
+from betterbench.vqa.scoring import is_right, parse_answer
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
 TASK, SIZE = "morning_coffee", 160
@@ -195,3 +202,87 @@ def test_the_command_prints_what_it_answered(address, run, answers, capsys, tmp_
     ):
         assert main(changed) == 2
         assert problem in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.fixture(scope="module")
+def moments(run, diagnosis, tmp_path_factory):
+    options = DecisiveOptions(cameras=("front",), size=SIZE, quality="fast")
+    return make_decisive_set(
+        run, diagnosis, tmp_path_factory.mktemp("moments") / "set", options,
+        open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"),
+    )  # fmt: skip
+
+
+def test_an_option_that_is_a_box_is_learned_as_its_cell(moments):
+    boxes = [q for q in moments.questions if q.role in ("asked", "where") and q.answer.startswith("[")]
+    assert boxes
+    for q in boxes:
+        assert learned_class(q) == option_class(q.answer, q.width)
+        assert learned_class(q) in CELLS
+    other = next(q for q in moments.questions if q.form is Form.YES_NO)
+    assert learned_class(other) == other.answer
+
+
+def test_a_learner_that_knows_the_cell_gives_the_letter_of_its_box(learner, run, moments, monkeypatch):
+    model = LearnerModel("mine", learner, moments, run)
+    known = learner.trained.vocabulary.answers
+    monkeypatch.setattr(
+        answering, "answer_scores",
+        lambda _learner, _record, _row, q: np.array([name == learned_class(q) for name in known], dtype=np.float32),
+    )  # fmt: skip
+    asked = [q for q in moments.questions if learned_class(q) in CELLS]
+    for q in asked:
+        said = model.answer(prompt_for(q), [moments.image(q.image)])
+        classes = [option_class(option, q.width) for option in q.options]
+        if classes.count(learned_class(q)) == 1:
+            assert is_right(q, parse_answer(q, said).answer)
+        else:  # two boxes in one cell: one of them is chosen
+            assert classes["ABCDEF".index(said)] == learned_class(q)
+
+
+def test_what_it_cannot_answer_is_refused_with_a_reason(learner, run, moments):
+    model = LearnerModel("mine", learner, moments, run)
+    q = next(q for q in moments.questions if q.form is Form.YES_NO)
+    with pytest.raises(RefusedError, match=r"none of the answers .* occurred in training"):
+        model.answer(prompt_for(q), [moments.image(q.image)])  # it learned cells alone
+    with pytest.raises(RefusedError, match="only the questions of the set"):
+        model.answer("Where is the mug?", [moments.image(q.image)])
+    with pytest.raises(RefusedError, match="only the questions of the set"):
+        model.answer(prompt_for(q), [b"another image"])
+
+
+def test_the_command_evaluates_a_learner_and_its_answers_are_set_against_its_deeds(
+    address,
+    run,
+    moments,
+    tmp_path,
+    capsys,
+):
+    line = ["vlm", "--data", str(moments.path), "--model", address, "--out", str(tmp_path / "static")]
+    assert main([*line, "--records", str(run.path), "--acted", str(run.path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["n"] == len(moments.questions)
+    assert "gaps" in told["acted_gap"]
+    answers = str(tmp_path / "static" / "answers.jsonl")
+    command = ["diagnose", str(run.path), "--answers", answers, "--questions", str(moments.path), "--json", "--keep"]
+    assert main(command) == 0
+    assert json.loads(capsys.readouterr().out)["knowledge"]["groups"][0]["name"] == "all"
+    for changed, problem in (
+        (line, "--records: is missing"),
+        ([*line, "--records", str(run.path), "--eyes", "tile-1"], "--eyes: it does not apply to a learner"),
+        (["vlm", "egoplan2", *line[1:]], "a learner answers only questions about frames"),
+        (["vlm", "egoplan2", "--model", "http://localhost:1/v1#m", "--acted", str(run.path)], "--acted"),
+        ([*line[:4], "http://localhost:1/v1#m", *line[5:], "--records", str(run.path)], "applies only to a learner"),
+    ):
+        assert main(changed) == 2
+        assert problem in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_set_about_other_records_is_refused(learner, run, moments):
+    other = replace(moments, records=dict.fromkeys(moments.records, "0" * 64))
+    with pytest.raises(InvalidInputError, match="was made from another record"):
+        LearnerModel("mine", learner, other, run)
+    q = moments.questions[0]
+    stranger = replace(q, source=replace(q.source, seed=999))
+    with pytest.raises(InvalidInputError, match=r"--records.*has no trial .*999"):
+        LearnerModel("mine", learner, replace(moments, questions=(stranger,)), run)

@@ -2,35 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from betterbench.cli.console import OUT, print_item, print_table
+from betterbench.cli.output.vqa import difference_in_points
 from betterbench.statistics import round_half_up
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
+from betterbench.vlm.items import AXIS
 from betterbench.vlm.running import StaticRun
 from betterbench.vlm.scoring import COLUMNS, Part
 
 if TYPE_CHECKING:
+    from betterbench.diagnosis import Metric, RunDiagnosis
     from betterbench.vlm.fetching import FetchedFile
+    from betterbench.vlm.prediction import PredictionTable
     from betterbench.vlm.probe import Finding
+    from betterbench.vlm.static_gap import StaticGap, StaticGaps
     from betterbench.vlm.steps import Cell, StepTable
 
 MOST_GROUPS = 12
 """Kinds with more groups (such as scenarios) are left to result.json."""
 
 
-def print_run(benchmark: Benchmark, run: StaticRun) -> None:
-    """Print the scores of a run, the numbers of upstream programs, and what limits the comparison."""
+def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
+    """Print the scores of a run, the numbers of upstream programs, and what limits the comparison.
+
+    Args:
+        benchmark: The benchmark.
+        run: The run.
+        acted: Diagnosis of a policy's run, whose illusion gap is shown next to the static one.
+    """
     score, columns = run.score, COLUMNS if run.extracted is not None else COLUMNS[:2]
-    shown = [p for p in score.parts if sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS]
+    left_out = {AXIS} if score.gaps is not None else set()  # the table of gaps has the axes
+    shown = [
+        p for p in score.parts if p.kind not in left_out and sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS
+    ]
     with_chance = any("chance" in p.reference for p in shown)
     rows = [_row(part, columns, with_chance=with_chance) for part in shown]
     heads = [benchmark.title, "n", "unread", *(["chance"] if with_chance else []), *columns, "95 % interval"]
     print_table(heads, rows, title=f"{run.head['model']}, prompt {run.head['prompt']}, scores in percent")
     for line in _lines(benchmark, run):
         print_item(line)
+    if score.gaps is not None:
+        _print_gaps(score.gaps, columns[-1], acted)
     if run.upstream:
         _print_upstream(run)
 
@@ -49,6 +66,28 @@ def print_steps(table: StepTable) -> None:
             f"Intervals of 95 % are paired and keep items of one image or video together. A step is supported if its "
             f"paired test is below {table.alpha:g} after Holm's correction over all {len(table.steps)} steps."
         )
+    for line in table.warnings:
+        print_item(line)
+
+
+def print_prediction(table: PredictionTable) -> None:
+    """Print the static and acted results of each policy, and whether the first predict the second."""
+    rows = [
+        [
+            policy.name,
+            f"{100 * policy.score:.1f}",
+            "–" if policy.static_gap is None else f"{100 * policy.static_gap:+.0f}",
+            "–" if policy.training is None else f"{100 * policy.training:.0f}",
+            "–" if policy.variation is None else f"{100 * policy.variation:.0f}",
+            f"{100 * policy.gap:+.0f} ({100 * policy.low:+.0f} to {100 * policy.high:+.0f})",
+            str(policy.pairs),
+        ]
+        for policy in table.policies
+    ]
+    heads = ["policy", "static %", "static gap", "twins %", "varied %", "illusion gap", "pairs"]
+    print_table(heads, rows, title=f"{table.benchmark}, {table.column}: static score and illusion gap")
+    for found in table.predictions:
+        print_item(found.sentence)
     for line in table.warnings:
         print_item(line)
 
@@ -109,6 +148,83 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
             f"({run.head['coordinates']}). Check --coordinates."
         )
     return lines
+
+
+def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> None:
+    """Print the static illusion gaps by axis and by type, next to the acted gaps if there is a run of a policy."""
+    shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
+    policy = {} if acted is None else acted_gaps(acted)
+    heads = [
+        "questions",
+        "pairs",
+        "training %",
+        "varied %",
+        "static gap",
+        "p, Holm",
+        *(["acted gap"] if policy else []),
+    ]
+    rows = [
+        [
+            gap.name.replace("_", " "),
+            str(gap.pairs),
+            f"{100 * gap.training:.0f} %",
+            f"{100 * gap.variation:.0f} %",
+            difference_in_points(gap.difference),
+            "–" if gap.adjusted is None else f"{gap.adjusted:.2g}",
+            *([_acted(policy.get(gap.name))] if policy else []),
+        ]
+        for gap in shown
+    ]
+    print_table(heads, rows, title="Static illusion gap: training scenes minus interventions, in points")
+    print_item(
+        f"{gaps.paired} of {gaps.questions} questions about variations have a static twin: a question of the same kind "
+        "about the training scene with the same seed. p is the paired test's, after Holm's correction over the rows."
+    )
+    for line in gap_sentences(shown, policy):
+        print_item(line)
+
+
+def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> list[str]:
+    """Return the supported static gaps in words, and where a policy loses more than the model.
+
+    Args:
+        gaps: Static gaps.
+        policy: Acted illusion gap by "all" and axis; may be empty.
+    """
+    supported = [gap for gap in gaps if gap.is_supported and gap.kind != "all"]
+    words = ", ".join(f"{gap.name.replace('_', ' ')} ({100 * (gap.difference.value or 0.0):+.0f})" for gap in supported)
+    lines = [f"Supported static gaps: {words}." if words else "No static gap of an axis or type is supported."]
+    for gap in gaps:
+        did = policy.get(gap.name)
+        if did is not None and did.value is not None and did.low is not None and did.low > gap.difference.high:
+            name = "all variations" if gap.kind == "all" else gap.name.replace("_", " ")
+            lines.append(
+                f"{name}: the policy loses {100 * did.value:.0f} points, the model "
+                f"{100 * (gap.difference.value or 0.0):.0f}, and the intervals do not overlap: this loss is not in "
+                "what the model recognizes."
+            )
+    return lines
+
+
+def acted_gaps(diagnosis: RunDiagnosis) -> dict[str, Metric]:
+    """Return a policy's illusion gaps by "all" and axis."""
+    found = {}
+    for metric in diagnosis.metrics:
+        scope = "all" if metric.scope == "overall" else metric.scope.removeprefix("axis:")
+        if metric.name == "illusion_gap" and (metric.scope == "overall" or metric.scope.startswith("axis:")):
+            found[scope] = metric
+    return found
+
+
+def acted_form(diagnosis: RunDiagnosis) -> dict[str, Any]:
+    """Return a policy's illusion gaps as a JSON-serializable dict."""
+    return {"policy": diagnosis.policy, "gaps": {name: asdict(gap) for name, gap in acted_gaps(diagnosis).items()}}
+
+
+def _acted(gap: Metric | None) -> str:
+    if gap is None or gap.value is None or gap.low is None or gap.high is None:
+        return "–"
+    return f"{100 * gap.value:+.0f} ({100 * gap.low:+.0f} to {100 * gap.high:+.0f})"
 
 
 def _print_upstream(run: StaticRun) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, print_table
-from betterbench.statistics import Rate, percent
+from betterbench.statistics import Difference, Rate, percent
 from betterbench.vqa.asking import Score
 from betterbench.vqa.blind import TARGET_POINTS
 from betterbench.vqa.dataset import QuestionSet
@@ -71,6 +71,7 @@ def print_knowledge(known: Knowledge) -> None:
     ]
     print_table(columns, rows, title=f"knowledge of {known.model} and behavior of {known.policy}")
     OUT.print(known.sentence, markup=False)
+    _print_groups(known)
     if not known.is_complete:
         missing = known.asked - known.answered
         OUT.print(
@@ -78,6 +79,39 @@ def print_knowledge(known: Knowledge) -> None:
             "questions count as not asked.",
             markup=False,
         )
+
+
+def _print_groups(known: Knowledge) -> None:
+    """Print knowledge against behavior by axis, variation and failure mode."""
+    rows = [
+        [
+            group.name.replace("_", " "),
+            f"{group.knows.k}/{group.knows.n}",
+            f"{group.expected:.1f}",
+            f"{group.does.k}/{group.does.n}",
+            difference_in_points(group.difference) if group.knows.n else "–",
+            f"{group.adjusted:.2g}" if group.knows.n else "–",
+            group.verdict.value if group.knows.n else "not asked",
+        ]
+        for group in known.groups
+    ]
+    if not rows:
+        return
+    columns = ["trials", "knows", "guessed", "does", "knows − does", "p", "finding"]
+    print_table(columns, rows, title="knowing against doing, on the same trials")
+    OUT.print(
+        "Guessed: expected without the image. The finding that the model knows more than the policy does requires "
+        "McNemar's exact test, and more known failures than guessing explains; p is the larger one, after Holm's "
+        f"correction over {sum(group.knows.n > 0 for group in known.groups)} groups.",
+        markup=False,
+    )
+
+
+def difference_in_points(difference: Difference) -> str:
+    """Return a difference with its interval in percentage points."""
+    if difference.value is None:
+        return "–"
+    return f"{100 * difference.value:+.0f} ({difference.low_pp:+.0f} to {difference.high_pp:+.0f})"
 
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:

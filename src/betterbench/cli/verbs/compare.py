@@ -13,6 +13,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
     from betterbench.records import RunFolder
+    from betterbench.vlm.prediction import PredictionTable
 
 
 def compare_command(
@@ -33,6 +34,8 @@ def compare_command(
     Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
     chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs
     with the same name count as one policy. Runs of better vlm are compared step by step, each with the run before it.
+    A run of better vlm and a run of better eval for each of several policies, with the same names or in the same
+    order, show whether the static score predicts the illusion gap.
 
     Example: better compare runs/pi05 runs/gr00t
 
@@ -96,22 +99,68 @@ def compare_command(
 def _static(
     runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str, json: bool
 ) -> None:
-    """Compare runs of better vlm step by step."""
-    from betterbench.cli.output.vlm import print_steps
+    """Compare runs of better vlm step by step, or with the illusion gaps of runs of better eval."""
+    from betterbench.cli.output.vlm import print_prediction, print_steps
     from betterbench.vlm.scoring import COLUMNS
     from betterbench.vlm.steps import step_table
 
-    if len(static) < len(runs):
-        other = next(path for path in runs if path not in static)
-        problem = f"{static[0]} is a run of better vlm, and {other} is not"
-        raise InvalidInputError("better compare", problem, "Compare runs of one kind")
     if column not in COLUMNS:
         raise UnknownNameError("column", column, COLUMNS)
+    if len(static) < len(runs):
+        found = _prediction(runs, static, name, alpha=alpha, column=column)
+        if json:
+            print_json(found.to_json())
+        else:
+            print_prediction(found)
+        return
     table = step_table(runs, names=name, column=column, alpha=alpha)
     if json:
         print_json(table.to_json())
         return
     print_steps(table)
+
+
+def _prediction(
+    runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str
+) -> PredictionTable:
+    """Return the correlation between static results and the illusion gaps of the same policies.
+
+    The two runs of a policy have the same name; without names, the first run of better vlm belongs to the first run of
+    better eval, and so on.
+    """
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.records import RunFolder
+    from betterbench.vlm.prediction import prediction_table
+    from betterbench.vlm.stored import read_static_run
+
+    if name and len(name) != len(runs):
+        problem = f"{len(name)} names for {len(runs)} runs"
+        raise InvalidInputError("--name", problem, "Give one name per run, or none")
+    acted = [path for path in runs if path not in static]
+    if any(not path.is_dir() for path in acted):
+        other = next(path for path in acted if not path.is_dir())
+        raise InvalidInputError(str(other), "is not a run folder", "Give the folder of a run of better eval")
+    names = list(name) or [str(i) for group in (static, acted) for i in range(len(group))]
+    paths = list(runs) if name else [*static, *acted]
+    sides: dict[str, dict[bool, Path]] = {}
+    for path, called in zip(paths, names, strict=True):
+        pair = sides.setdefault(called, {})
+        if (path in static) in pair:
+            kind = "better vlm" if path in static else "better eval"
+            problem = f"{pair[path in static]} and {path} are both runs of {kind} for {called!r}"
+            raise InvalidInputError("--name", problem, "Give each policy one run of each kind")
+        pair[path in static] = path
+    for pair in sides.values():
+        if len(pair) < 2:
+            missing = "better eval" if True in pair else "better vlm"
+            problem = f"{next(iter(pair.values()))} has no run of {missing}"
+            cure = "Give the two runs of each policy, with the same --name or in the same order"
+            raise InvalidInputError("better compare", f"{problem} for the same policy", cure)
+    found = [
+        (called if name else None, read_static_run(pair[True]), diagnosed(RunFolder.open(pair[False])))
+        for called, pair in sides.items()
+    ]
+    return prediction_table(found, column=column, alpha=alpha)
 
 
 def _across(

@@ -13,6 +13,7 @@ from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from betterbench.diagnosis import RunDiagnosis
     from betterbench.jobs import OnCount
     from betterbench.vlm import Benchmark, ItemSet
     from betterbench.vlm.models.eyes import Eyes
@@ -24,6 +25,8 @@ FETCH = "fetch"
 """First word of a command that downloads data."""
 PROBE = "probe"
 """First word of a command that finds out the convention of a model's coordinates."""
+LEARNER = "learned"
+"""Scheme of the address of a co-trained learner."""
 IN_PROCESS = "hf"
 """Scheme of the address of a checkpoint in this process, before a colon."""
 
@@ -34,6 +37,8 @@ def vlm_command(
     *,
     model: str | None = None,
     data: Path | None = None,
+    records: Path | None = None,
+    acted: Path | None = None,
     out: Path | None = None,
     prompt: str | None = None,
     coordinates: str | None = None,
@@ -64,9 +69,11 @@ def vlm_command(
     Args:
         benchmark: Benchmark, "fetch", or "probe" (only identifies the coordinate convention of a model).
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
-        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model, or hf:FOLDER
-            with an InternVL checkpoint (extra vlm).
+        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model; hf:FOLDER
+            with an InternVL checkpoint (extra vlm); or learned:CHECKPOINT, a co-trained learner.
         data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
+        records: Run about whose frames the set asks, for a learner, which gets the recorded state of each frame.
+        acted: Run of the policy, to show its illusion gap next to the static illusion gap of better-vqa.
         out: Folder of the run.
         prompt: Identifier of the prompt; our own if not given.
         coordinates: Order, scale and form of the model's points and boxes (pixels, thousandths, fractions,
@@ -106,8 +113,17 @@ def vlm_command(
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
-    if _folder_of(model) is not None:
+    is_learner = model.partition(":")[0] == LEARNER
+    if _folder_of(model) is not None or is_learner:
         at_once = 1  # its threads are those of one request
+    if is_learner:
+        _require_set(chosen, data, records, {"--eyes": eyes != "native", "--coordinates": coordinates is not None})
+    elif records is not None:
+        raise InvalidInputError(
+            "--records", "it applies only to a learner", f"Leave it out, or give {LEARNER}:CHECKPOINT"
+        )
+    if acted is not None and benchmark != "better-vqa":
+        raise InvalidInputError("--acted", f"{benchmark} has no static illusion gap", "Leave it out, or run better-vqa")
     if chosen is None:
         asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=None)
         _probe(asked, out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
@@ -115,7 +131,7 @@ def vlm_command(
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the run")
 
-    from betterbench.cli.output.vlm import print_run
+    from betterbench.cli.output.vlm import acted_form, print_run
     from betterbench.vlm.prompts import find_prompt
     from betterbench.vlm.running import RunSettings, evaluate_model
     from betterbench.vqa.llm import ChatModel, ReplyCache, endpoint_at
@@ -133,18 +149,23 @@ def vlm_command(
         eyes=resolution,
         most_tiles=max_tiles,
         at_once=at_once,
-        probe=probe,
+        probe=probe and not is_learner,
         official=scoring == "official",
         max_tokens=max_tokens,
         prices=_prices(price_in, price_out),
     )
-    asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=kept)
+    if is_learner and data is not None and records is not None:
+        asked = _learner(model, data, records)
+    else:
+        asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=kept)
+    did = None if acted is None else _acted(acted)
     items = _items(chosen, data, questions, workers)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
     if json:
-        print_json({"run": str(out), **run.to_json()})
+        shown = {} if did is None else {"acted_gap": acted_form(did)}
+        print_json({"run": str(out), **run.to_json(), **shown})
         return
-    print_run(chosen, run)
+    print_run(chosen, run, did)
     OUT.print(str(out), markup=False, soft_wrap=True)
 
 
@@ -188,6 +209,47 @@ def _model(
         side=MYOPIC if eyes is Eyes.NATIVE_224 else None,
         max_tokens=max_tokens,
     )
+
+
+def _require_set(chosen: Benchmark | None, data: Path | None, records: Path | None, given: dict[str, bool]) -> None:
+    """Raise InvalidInputError for options with which a learner cannot answer.
+
+    Args:
+        chosen: The benchmark; None for a probe.
+        data: Set of questions.
+        records: Run about whose frames the set asks.
+        given: Whether an option that requires images or free coordinates was given, by option.
+    """
+    if chosen is None or chosen.source.repository:
+        cure = "Evaluate it on a set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
+        raise InvalidInputError("--model", "a learner answers only questions about frames of recorded trials", cure)
+    for option, path, what in (("--data", data, "set of better vqa"), ("--records", records, "run of that set")):
+        if path is None:
+            raise InvalidInputError(option, "is missing; a learner answers about recorded states", f"Name the {what}")
+    for option, is_given in given.items():
+        if is_given:
+            raise InvalidInputError(option, "it does not apply to a learner, which gets no images", "Leave it out")
+
+
+def _learner(address: str, data: Path, records: Path) -> Model:
+    """Return the learner at an address as a model for a set about the frames of a run."""
+    from betterbench.policies.kinds.learned import LEARNED
+    from betterbench.policies.learned.loading import load_learner
+    from betterbench.records import RunFolder
+    from betterbench.vqa.dataset import read_set
+
+    learner = load_learner(LEARNED.parse(address))
+    from betterbench.learning.training.answering import LearnerModel
+
+    return LearnerModel(Path(address.partition(":")[2]).name, learner, read_set(data), RunFolder.open(records))
+
+
+def _acted(run: Path) -> RunDiagnosis:
+    """Return the diagnosis of the run of a policy."""
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.records import RunFolder
+
+    return diagnosed(RunFolder.open(run))
 
 
 def _probe(

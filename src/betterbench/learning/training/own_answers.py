@@ -152,25 +152,32 @@ def ask_about_run(
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
     """Return the answers of a learner from the ``objects`` family to questions about one row of a record."""
+    known = learner.trained.vocabulary.answers
+    return tuple(known[int(answer_scores(learner, record, row, q).argmax())] for q in questions)
+
+
+def answer_scores(learner: Learner, record: Record, row: int, question: Question) -> np.ndarray:
+    """Return the logits of a learner's answers to a question about a row of a record, shape (answers,) float32.
+
+    The learner belongs to the family ``objects``. Its input is the same as for acting at that row, with the question in
+    place of the instruction.
+    """
     recipe, known = learner.trained.recipe, learner.trained.vocabulary
-    objects = record.state(row).info.objects
     rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)
     tools = tool_numbers(record.ee_position[rows], record.ee_quaternion[rows], record.finger_width[rows])
     poses = pose_numbers(record.object_positions[row], record.object_quaternions[row]).astype(np.float32)
-    found = []
-    for question in questions:
-        things = things_of(question_text(question), objects, known)
-        shown = ObjectsBatch(
-            words=learner.batch(things.words),
-            tools=learner.batch(tools),
-            poses=learner.batch(poses),
-            sizes=learner.batch(things.sizes),
-            categories=learner.batch(things.categories),
-            colors=learner.batch(things.colors),
-        )
-        with torch.inference_mode():
-            found.append(known.answers[int(learner.network.reply(shown)[0].argmax())])
-    return tuple(found)
+    things = things_of(question_text(question), record.state(row).info.objects, known)
+    shown = ObjectsBatch(
+        words=learner.batch(things.words),
+        tools=learner.batch(tools),
+        poses=learner.batch(poses),
+        sizes=learner.batch(things.sizes),
+        categories=learner.batch(things.categories),
+        colors=learner.batch(things.colors),
+    )
+    with torch.inference_mode():
+        scores: np.ndarray = learner.network.reply(shown)[0].cpu().numpy()
+    return scores
 
 
 def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
@@ -215,15 +222,20 @@ def _nearest(answer: str, about: NamedObject) -> str:
     return min(about.middles, key=lambda name: math.dist((x, y), about.middles[name]))
 
 
-def _require_asked(learner: Learner, run: RunFolder) -> None:
-    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not a run's policy."""
+def require_answers(learner: Learner, option: str = "--learner") -> None:
+    """Raise InvalidInputError, which names an option, for a learner that answers no questions or uses images."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it has no answers"
-        raise InvalidInputError("--learner", problem, "Train one with co_training in its recipe")
+        raise InvalidInputError(option, problem, "Train one with co_training in its recipe")
     if recipe.sees != "objects":
         problem = f"the learner of family {recipe.family!r} uses images, but only learners of objects are supported"
-        raise InvalidInputError("--learner", problem, "Name a learner of objects")
+        raise InvalidInputError(option, problem, "Name a learner of objects")
+
+
+def _require_asked(learner: Learner, run: RunFolder) -> None:
+    """Raise InvalidInputError for a learner that answers no questions, uses images, or is not a run's policy."""
+    require_answers(learner)
     told = run.context.get("policy")
     metadata = told.get("metadata") if isinstance(told, Mapping) else None
     played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None

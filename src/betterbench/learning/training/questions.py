@@ -1,8 +1,8 @@
 """Questions about the frames of demonstrations, which a learner answers in addition to acting (co-training).
 
-A learner chooses among all answers of its training questions. The answer for a box or a point is the cell that contains
-its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The input is the same as for acting at
-that row, with the question in place of the instruction.
+A learner chooses among all answers of its training questions. The answer for a box, a point or an option that is a box
+is the cell that contains its center, in an 8 x 8 grid over the image, as in the question sets' baselines. The input is
+the same as for acting at that row, with the question in place of the instruction.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.policies.learned.vocabulary import Vocabulary
 from betterbench.records import Record
 from betterbench.tasks import TrialId
 from betterbench.vqa import Question, QuestionSet, read_set
-from betterbench.vqa.blind import answer_class, in_cells
+from betterbench.vqa.blind import answer_class, box_cell, in_cells
 from betterbench.vqa.types.grounding import CELLS
 
 _CURE = "Make a set with better vqa from the demonstrations that the recipe names"
@@ -72,7 +72,7 @@ class AskedQuestions:
 
     def answers(self, held_out: np.ndarray) -> tuple[str, ...]:
         """Return the distinct answers of the training questions, sorted."""
-        return tuple(sorted({answer_class(q) for episode, q in self.questions if not held_out[episode]}))
+        return tuple(sorted({learned_class(q) for episode, q in self.questions if not held_out[episode]}))
 
     def rows(self, count: int) -> list[np.ndarray]:
         """Return the sorted distinct rows of the questions for each of ``count`` demonstrations."""
@@ -85,6 +85,16 @@ class AskedQuestions:
 def question_text(question: Question) -> str:
     """Return a question with its options in the form for a learner, with boxes replaced by words for cells."""
     return in_cells(question.prompt, question.width, CELLS)
+
+
+def learned_class(question: Question) -> str:
+    """Return the class of a question's correct answer for a learner."""
+    return option_class(question.answer, question.width) if question.options else answer_class(question)
+
+
+def option_class(option: str, width: int) -> str:
+    """Return the class of an option: the cell of a box in an image with a given width [pixel], or else the text."""
+    return box_cell(option, width, CELLS) or option
 
 
 def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]]) -> AskedQuestions | None:
@@ -185,7 +195,7 @@ def training_questions(
         episodes=episodes,
         tools=np.stack(tools),
         poses=poses,
-        answers=np.array([number.get(answer_class(question), -1) for question in questions]),
+        answers=np.array([number.get(learned_class(question), -1) for question in questions]),
         types=tuple(question.type.value for question in questions),
         frames_of=store,
         frames=frames,

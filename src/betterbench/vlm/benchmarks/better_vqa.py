@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataSource, Headline, missing
-from betterbench.vlm.items import Gold, Item, ItemSet
+from betterbench.vlm.items import AXIS, TRAINING, Gold, Item, ItemSet
 from betterbench.vqa.dataset import SET_NAME, QuestionSet, read_set
 from betterbench.vqa.question import Form, Question, letter
+from betterbench.vqa.twins import axis_of, static_twins
 
 _LAYOUT = ("a folder that better vqa has made",)
 
@@ -22,7 +23,8 @@ def items_of(asked: QuestionSet) -> ItemSet:
     """Return a question set as items. Both have the same content hash, so they share files of answers."""
     reference = {b.name: {"chance": 100 * b.chance, "blind": 100 * b.blind / max(1, b.n)} for b in asked.baselines}
     items = tuple(map(_item, asked.questions))
-    return ItemSet("better-vqa", items, asked.image, reference=reference, content=asked.sha256)
+    twins = static_twins(asked.questions)
+    return ItemSet("better-vqa", items, asked.image, reference=reference, content=asked.sha256, twins=twins)
 
 
 def _item(question: Question) -> Item:
@@ -42,7 +44,12 @@ def _item(question: Question) -> Item:
         pictures=(question.image,),
         cluster=f"{source.task}/{source.condition}/{source.seed}",
         options=question.options,
-        groups={"type": question.type.value, "difficulty": question.difficulty.value, "family": question.family},
+        groups={
+            "type": question.type.value,
+            "difficulty": question.difficulty.value,
+            AXIS: axis_of(source.task, source.condition) or TRAINING,
+            "family": question.family,
+        },
         width=question.width if has_place else 0,
         height=question.height if has_place else 0,
     )
@@ -64,7 +71,7 @@ BETTER_VQA = Benchmark(
         layout=_LAYOUT,
     ),
     headline=Headline(),
-    groups=("type", "difficulty", "family"),
+    groups=("type", "difficulty", AXIS, "family"),
     coordinates="pixels",
 )
 """Questions of eight types with difficulty tags, balanced against guessing without the image."""

@@ -1,0 +1,112 @@
+"""A co-trained learner as a model of ``better vlm``: it answers the questions of a set about recorded frames.
+
+The learner belongs to the family ``objects``. It gets the recorded state of a question's frame in place of the image
+(see :mod:`betterbench.learning.training.own_answers`), and answers with the most likely of the answers that the
+question allows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.learning.training.own_answers import answer_scores, require_answers
+from betterbench.learning.training.questions import option_class
+from betterbench.policies.learned.policy import Learner
+from betterbench.records import Record, RunFolder
+from betterbench.vqa import Form, Question, QuestionSet
+from betterbench.vqa.llm import RefusedError
+from betterbench.vqa.question import hash_number, letter
+from betterbench.vqa.types.grounding import CELLS
+
+_KEPT_RECORDS = 8
+
+
+class LearnerModel:
+    """A learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
+
+    A question is found by its image and its text, because a model gets nothing else. Two options in the same cell of
+    the image have the same class; the learner then chooses one of them by a hash of the question, which is right in one
+    of two cases.
+    """
+
+    def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
+        """Prepare for the questions of a set.
+
+        Args:
+            name: Name in tables.
+            learner: The learner.
+            asked: The set.
+            run: Run with the records of the set's frames.
+
+        Raises:
+            InvalidInputError: If the learner has no answers or uses images, or the set is about other records.
+        """
+        require_answers(learner, "--model")
+        asked.require_about(run)
+        planned = {str(entry.key) for entry in run.entries()}
+        other = next((q.source.trial for q in asked.questions if str(q.source.trial) not in planned), None)
+        if other is not None:
+            problem = f"{run.path} has no trial {other}, about which {asked.path} asks"
+            raise InvalidInputError("--records", problem, "Name the run from which better vqa made the set")
+        self.name = name
+        self._learner = learner
+        self._number = {answer: i for i, answer in enumerate(learner.trained.vocabulary.answers)}
+        digests = {place: _digest(asked.image(place)) for place in {q.image for q in asked.questions}}
+        self._questions: dict[str, list[Question]] = {}
+        for question in asked.questions:
+            self._questions.setdefault(digests[question.image], []).append(question)
+
+        @lru_cache(maxsize=_KEPT_RECORDS)
+        def record(task: str, condition: str, seed: int) -> Record:
+            return run.read_record(task, condition, seed)
+
+        self._record = record
+
+    def answer(self, prompt: str, pictures: Sequence[bytes]) -> str:
+        """Return the answer to a question of the set, in the form that its prompt requests.
+
+        Raises:
+            RefusedError: If the set has no such question, or no answer of its form occurred in training.
+        """
+        found = self._questions.get(_digest(pictures[0]), ()) if pictures else ()
+        question = next((q for q in found if prompt.startswith(q.prompt)), None)
+        if question is None:
+            raise RefusedError("the learner answers only the questions of the set, with unchanged images")
+        known = [(text, self._number[name]) for text, name in _possible(question) if name in self._number]
+        if not known:
+            raise RefusedError(f"none of the answers to {question.id} occurred in training")
+        s = question.source
+        scores = answer_scores(self._learner, self._record(s.task, s.condition, s.seed), s.row, question)
+        told = np.array([scores[number] for _, number in known])
+        best = [text for (text, _), score in zip(known, told, strict=True) if score == told.max()]
+        return best[hash_number("same class", question.id) % len(best)]
+
+
+def _digest(picture: bytes) -> str:
+    return hashlib.sha256(picture).hexdigest()
+
+
+def _possible(question: Question) -> list[tuple[str, str]]:
+    """Return the possible answers to a question: the text in the requested form, and the learner's class."""
+    if question.form is Form.CHOICE:
+        return [(letter(i), option_class(text, question.width)) for i, text in enumerate(question.options)]
+    if question.form is Form.YES_NO:
+        return [(name, name) for name in ("Yes", "No")]
+    if question.form is Form.NUMBER:
+        return [(str(n), str(n)) for n in range(100)]
+    cells = [(x, y) for x in range(CELLS) for y in range(CELLS)]
+    return [(_place(question, x, y), f"{x},{y}") for x, y in cells]
+
+
+def _place(question: Question, column: int, row: int) -> str:
+    """Return a cell as the answer to a question about a point (the middle of the cell) or a box [pixel]."""
+    across, down = question.width / CELLS, question.height / CELLS
+    if question.form is Form.POINT:
+        return f"[{(column + 0.5) * across:g}, {(row + 0.5) * down:g}]"
+    ends = (column * across, row * down, (column + 1) * across, (row + 1) * down)
+    return f"[{', '.join(f'{v:g}' for v in ends)}]"

@@ -1,0 +1,180 @@
+"""Test whether a static score predicts the illusion gap, over several policies.
+
+The paper uses static evaluation as a proxy for a policy's understanding. If that holds, a policy whose model has a
+higher static score, or a smaller static illusion gap, loses less when the scene changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from betterbench.diagnosis import RunDiagnosis
+from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.statistics import RankCorrelation, holm, rank_correlation
+from betterbench.tasks.randomness import stream
+from betterbench.vlm.stored import StoredRun
+
+LEAST_POLICIES = 5
+"""Smallest number of policies for a conclusion: the exact test cannot reach p < 0.05 with four."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyPoint:
+    """Static and acted results of one policy.
+
+    Attributes:
+        name: Name of the policy.
+        score: Headline number of the static benchmark, as a fraction.
+        items: Number of items in the score.
+        static_gap: Static illusion gap, as a fraction; None if the run has none.
+        gap: Acted illusion gap over all variations, as a fraction.
+        low: Lower end of its interval.
+        high: Upper end of its interval.
+        pairs: Number of pairs of trials in the gap.
+        training: Success rate of the twins.
+        variation: Success rate of the variations.
+    """
+
+    name: str
+    score: float
+    items: int
+    static_gap: float | None
+    gap: float
+    low: float
+    high: float
+    pairs: int
+    training: float | None
+    variation: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Rank correlation between a static number and the acted illusion gap.
+
+    Attributes:
+        predictor: "static score" or "static gap".
+        correlation: The correlation.
+        adjusted: Its p-value after Holm's correction over the predictors.
+        is_supported: Whether the correlation is supported, with at least :data:`LEAST_POLICIES` policies.
+    """
+
+    predictor: str
+    correlation: RankCorrelation
+    adjusted: float
+    is_supported: bool
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        told = self.correlation
+        if told.value is None:
+            return f"{self.predictor}: all {told.n} policies have the same value, so there is no correlation."
+        number = f"rank correlation {told.value:+.2f} ({told.low:+.2f} to {told.high:+.2f})"
+        if told.n < LEAST_POLICIES:
+            return (
+                f"{self.predictor}: cannot be concluded from {told.n} policies: {number}; at least {LEAST_POLICIES} "
+                "are needed, because even a perfect ranking of four has p = 0.083."
+            )
+        tested = f"{number}, p = {self.adjusted:.2g} after Holm"
+        if not self.is_supported:
+            return f"{self.predictor}: cannot be concluded from {told.n} policies: {tested}."
+        direction = "smaller" if told.value < 0.0 else "larger"
+        return f"{self.predictor}: predicts the illusion gap: a higher value goes with a {direction} gap: {tested}."
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return {**asdict(self), "correlation": self.correlation.to_json(), "sentence": self.sentence}
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionTable:
+    """Policies with their static and acted results, and the correlations.
+
+    Attributes:
+        warnings: Differences between runs that limit the conclusion.
+    """
+
+    benchmark: str
+    column: str
+    policies: tuple[PolicyPoint, ...]
+    predictions: tuple[Prediction, ...]
+    warnings: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict; all rates are fractions."""
+        return {**asdict(self), "predictions": [found.to_json() for found in self.predictions]}
+
+
+def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> tuple[Prediction, ...]:
+    """Return the correlations of the static score, and of the static gap if all policies have one, with the acted gap.
+
+    Args:
+        policies: Results by policy.
+        alpha: Level of the tests, over both correlations together.
+
+    Raises:
+        InvalidInputError: If there are fewer than two policies.
+    """
+    if len(policies) < 2:
+        raise InvalidInputError("better compare", "one policy has no ranking", "Give the runs of several policies")
+    gaps = [policy.gap for policy in policies]
+    predictors = {"static score": [policy.score for policy in policies]}
+    static = [policy.static_gap for policy in policies if policy.static_gap is not None]
+    if len(static) == len(policies):
+        predictors["static gap"] = static
+    found = {
+        name: rank_correlation(values, gaps, generator=stream("static prediction", 0, name))
+        for name, values in predictors.items()
+    }
+    adjusted = holm([told.p for told in found.values()])
+    return tuple(
+        Prediction(name, told, p, is_supported=told.n >= LEAST_POLICIES and p < alpha)
+        for (name, told), p in zip(found.items(), adjusted, strict=True)
+    )
+
+
+def prediction_table(
+    policies: Sequence[tuple[str | None, StoredRun, RunDiagnosis]], *, column: str = "parsed", alpha: float = 0.05
+) -> PredictionTable:
+    """Return the table of several policies.
+
+    Args:
+        policies: Name (None for the name of the diagnosis), run of ``better vlm`` and diagnosis of the policy's trials.
+        column: Column of the scores.
+        alpha: Level of the tests.
+
+    Raises:
+        RunConflictError: If the runs of ``better vlm`` are of several benchmarks, or two policies have the same name.
+        InvalidInputError: If there are fewer than two policies, or a policy's run has no illusion gap.
+    """
+    benchmarks = {run.benchmark.title: run for _, run, _ in policies}
+    if len(benchmarks) > 1:
+        names = " and ".join(f"{run.path} ({title})" for title, run in benchmarks.items())
+        raise RunConflictError(f"{names} are of different benchmarks. Give runs of one benchmark.")
+    points = [_point(name or diagnosis.policy, run, diagnosis, column) for name, run, diagnosis in policies]
+    double = next((p.name for i, p in enumerate(points) if p.name in {q.name for q in points[:i]}), None)
+    if double is not None:
+        raise RunConflictError(f"Two policies have the name {double!r}. Give the two runs of each a name with --name.")
+    warnings = []
+    if len({run.head["data"] for _, run, _ in policies}) > 1:
+        warnings.append("The models answered different questions, so their scores also differ in difficulty.")
+    if len({frozenset(t.key for t in diagnosis.trials) for *_, diagnosis in policies}) > 1:
+        warnings.append("The policies ran different trials, so their gaps also differ in difficulty.")
+    return PredictionTable(
+        next(iter(benchmarks)), column, tuple(points), predictions_of(points, alpha=alpha), tuple(warnings)
+    )
+
+
+def _point(name: str, run: StoredRun, diagnosis: RunDiagnosis, column: str) -> PolicyPoint:
+    gap = diagnosis.metric("illusion_gap", "overall")
+    if gap is None or gap.value is None or gap.low is None or gap.high is None:
+        problem = "has no illusion gap: it has no variation whose training condition was run with the same seed"
+        raise InvalidInputError(name, problem, "Run better eval on training conditions and variations")
+    rates = [diagnosis.metric(measure, "overall") for measure in ("twin_success_rate", "paired_success_rate")]
+    training, variation = (None if metric is None else metric.value for metric in rates)
+    static = run.static_gap(column)
+    return PolicyPoint(
+        name, run.headline[column], len(run.counted()), static, gap.value, gap.low, gap.high, gap.n, training, variation
+    )

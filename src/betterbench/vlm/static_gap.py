@@ -1,0 +1,125 @@
+"""Static illusion gap: accuracy on training scenes minus accuracy on interventions, over questions and their twins.
+
+It is the counterpart of the acted illusion gap: the same scenes and seeds, asked instead of acted. Twins are matched by
+:func:`~betterbench.vqa.twins.static_twins`. Pairs about the same training scene are kept together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
+from typing import Any, Literal
+
+from betterbench.statistics import Difference, holm
+from betterbench.vlm.items import AXIS, TRAINING, Item, ItemSet
+from betterbench.vlm.pairs import paired_difference, paired_p
+
+Kind = Literal["all", "axis", "type", "axis and type"]
+
+
+@dataclass(frozen=True, slots=True)
+class StaticGap:
+    """Gap of one part of a benchmark.
+
+    Attributes:
+        kind: Kind of part.
+        name: "all", an axis, a type, or "AXIS: TYPE".
+        pairs: Number of questions with a twin.
+        scenes: Number of training scenes.
+        training: Mean score of the twins, a fraction.
+        variation: Mean score of the questions about variations, a fraction.
+        difference: Training minus variation, paired.
+        p: p-value of the paired test; None for an axis and type, whose pairs are also in two other parts.
+        test: Name of the test; "" without one.
+        adjusted: ``p`` after Holm's correction over the parts with a test.
+        is_supported: Whether ``adjusted`` is below the level.
+    """
+
+    kind: Kind
+    name: str
+    pairs: int
+    scenes: int
+    training: float
+    variation: float
+    difference: Difference
+    p: float | None
+    test: str
+    adjusted: float | None = None
+    is_supported: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return {**asdict(self), "difference": self.difference.to_json()}
+
+
+@dataclass(frozen=True, slots=True)
+class StaticGaps:
+    """Gaps of a run.
+
+    Attributes:
+        questions: Number of questions about variations.
+        paired: Number of these with a twin.
+        by_column: Gaps by column of the scores; the first one is over all pairs.
+    """
+
+    questions: int
+    paired: int
+    by_column: Mapping[str, tuple[StaticGap, ...]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        gaps = {column: [gap.to_json() for gap in found] for column, found in self.by_column.items()}
+        return {"questions": self.questions, "paired": self.paired, "by_column": gaps}
+
+
+def static_gaps(
+    items: ItemSet, scores: Mapping[str, Mapping[str, Fraction]], *, alpha: float = 0.05
+) -> StaticGaps | None:
+    """Return the static illusion gaps of a run, or None without items that have a twin.
+
+    Args:
+        items: Items with their twins.
+        scores: Score by item, by column.
+        alpha: Level of the tests, over all tested parts together.
+    """
+    by_id = {item.id: item for item in items.items}
+    pairs = [(by_id[twin], by_id[name]) for name, twin in items.twins.items()]
+    if not pairs:
+        return None
+    varied = sum(item.groups.get(AXIS, TRAINING) != TRAINING for item in items.items)
+    found = {column: tuple(_gaps(pairs, of, alpha)) for column, of in scores.items()}
+    return StaticGaps(varied, len(pairs), found)
+
+
+def _gaps(pairs: Sequence[tuple[Item, Item]], scores: Mapping[str, Fraction], alpha: float) -> Iterator[StaticGap]:
+    found = [_gap(kind, name, members, scores) for kind, name, members in _parts(pairs)]
+    tested = [gap for gap in found if gap.p is not None]
+    adjusted = dict(zip(map(id, tested), holm([gap.p or 0.0 for gap in tested]), strict=True))
+    for gap in found:
+        value = adjusted.get(id(gap))
+        yield replace(gap, adjusted=value, is_supported=value is not None and value < alpha)
+
+
+def _parts(pairs: Sequence[tuple[Item, Item]]) -> Iterator[tuple[Kind, str, list[tuple[Item, Item]]]]:
+    yield "all", "all", list(pairs)
+    axes, types = ({item.groups.get(kind, ""): None for _, item in pairs} for kind in (AXIS, "type"))
+    for axis in sorted(axes):
+        yield "axis", axis, [pair for pair in pairs if pair[1].groups.get(AXIS, "") == axis]
+    for name in sorted(types):
+        yield "type", name, [pair for pair in pairs if pair[1].groups.get("type", "") == name]
+    for axis in sorted(axes):
+        for name in sorted(types):
+            both = [p for p in pairs if (p[1].groups.get(AXIS, ""), p[1].groups.get("type", "")) == (axis, name)]
+            if both:
+                yield "axis and type", f"{axis}: {name}", both
+
+
+def _gap(kind: Kind, name: str, members: Sequence[tuple[Item, Item]], scores: Mapping[str, Fraction]) -> StaticGap:
+    told = [(scores[twin.id], scores[item.id]) for twin, item in members]
+    scenes = [twin.cluster for twin, _ in members]
+    purpose = f"static gap:{kind}:{name}"
+    p, test = (None, "") if kind == "axis and type" else paired_p(told, scenes, purpose)
+    training, variation = (float(sum((pair[side] for pair in told), Fraction(0)) / len(told)) for side in (0, 1))
+    difference = paired_difference(told, scenes, purpose)
+    return StaticGap(kind, name, len(told), len(set(scenes)), training, variation, difference, p, test)

@@ -1,0 +1,189 @@
+"""Knowledge against behavior by axis, variation and failure mode, with paired tests.
+
+The unit is a trial: all questions about it count as one answer, known or not known. In each group, the share of known
+trials is compared with the share of solved trials, over the same trials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from typing import Any, Literal, Protocol
+
+from betterbench.statistics import (
+    Difference,
+    PairedTable,
+    Rate,
+    guessing_p,
+    holm,
+    mcnemar_p,
+    newcombe_paired_difference,
+)
+from betterbench.tasks import Axis
+
+GroupKind = Literal["all", "axis", "variation", "label"]
+TRAINING = "training"
+"""Name of the group of trials on training conditions."""
+
+
+class GroupVerdict(StrEnum):
+    """Result of the tests of one group."""
+
+    KNOWS_MORE = "knows more than it does"
+    DOES_MORE = "does more than it knows"
+    OPEN = "not decided"
+
+
+class AskedTrial(Protocol):
+    """Knowledge in one trial, with the trial's outcome; see :class:`~betterbench.vqa.knowing.TrialKnowledge`."""
+
+    @property
+    def task(self) -> str:
+        """Task name."""
+
+    @property
+    def variation(self) -> str | None:
+        """Variation name, or None for a training condition."""
+
+    @property
+    def axis(self) -> str | None:
+        """Variation axis, or None."""
+
+    @property
+    def label(self) -> str:
+        """Label of the diagnosis."""
+
+    @property
+    def success(self) -> bool:
+        """Whether the trial succeeded."""
+
+    @property
+    def chance(self) -> float:
+        """Probability of knowing the decision without the image."""
+
+    @property
+    def is_known(self) -> bool | None:
+        """Whether the model knew the decision, or None if it was not asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupKnowledge:
+    """Knowledge and behavior in the trials of one group.
+
+    Attributes:
+        kind: Kind of group.
+        name: "all", an axis or "training", "TASK/VARIATION" or "TASK/training", or a label.
+        trials: Number of trials, asked or not.
+        knows: Trials with a known decision, among those with answers.
+        does: Solved trials, among the same.
+        expected: Expected number of known trials without the image.
+        failed: Number of failed trials with answers.
+        known_failures: Number of these with a known decision.
+        expected_failures: Expected number of these without the image.
+        difference: Share of known minus share of solved trials, paired, with Newcombe's interval.
+        p_paired: Two-sided p-value of McNemar's exact test between known and solved.
+        p_guessing: One-sided exact p-value of the known failures under guessing.
+        p: p-value of the group's claim. The claim that the model knows more than the policy does requires both tests,
+            so it has the larger p-value; the opposite claim has ``p_paired``.
+        adjusted: ``p`` after Holm's correction over all groups with answers.
+        verdict: The claim, if ``adjusted`` is below the level.
+    """
+
+    kind: GroupKind
+    name: str
+    trials: int
+    knows: Rate
+    does: Rate
+    expected: float
+    failed: int
+    known_failures: int
+    expected_failures: float
+    difference: Difference
+    p_paired: float
+    p_guessing: float
+    p: float
+    adjusted: float = 1.0
+    verdict: GroupVerdict = GroupVerdict.OPEN
+
+    @property
+    def corrected(self) -> float | None:
+        """Share of known trials, corrected for guessing: (knows - chance) / (1 - chance); None without answers."""
+        n = self.knows.n
+        if not n or self.expected >= n:
+            return None
+        return (self.knows.k - self.expected) / (n - self.expected)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        points = 100.0 * (self.difference.value or 0.0)
+        return (
+            f"{self.name}: knows {self.knows.k}/{self.knows.n}, does {self.does.k}/{self.does.n}, {points:+.0f} points "
+            f"({self.difference.low_pp:+.0f} to {self.difference.high_pp:+.0f}): {self.verdict.value}."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        rates = {name: rate.to_json() for name, rate in (("knows", self.knows), ("does", self.does))}
+        told = {"difference": self.difference.to_json(), "corrected": self.corrected, "sentence": self.sentence}
+        return {**asdict(self), **rates, **told}
+
+
+def group_knowledge(trials: Sequence[AskedTrial], *, alpha: float = 0.05) -> tuple[GroupKnowledge, ...]:
+    """Return the groups of a policy's trials: all, then axes, variations and failure modes.
+
+    Args:
+        trials: Knowledge by trial.
+        alpha: Level of the tests, over all groups together.
+    """
+    found = [_group(kind, name, members) for kind, name, members in _members(trials)]
+    tested = [group for group in found if group.knows.n]
+    adjusted = dict(zip(map(id, tested), holm([group.p for group in tested]), strict=True))
+    return tuple(_judged(group, adjusted.get(id(group), 1.0), alpha) for group in found)
+
+
+def _members(trials: Sequence[AskedTrial]) -> Iterable[tuple[GroupKind, str, list[AskedTrial]]]:
+    yield "all", "all", list(trials)
+    for axis in (None, *(a.value for a in Axis)):
+        if members := [t for t in trials if t.axis == axis and (axis is not None or t.variation is None)]:
+            yield "axis", axis or TRAINING, members
+    names = dict.fromkeys((t.task, t.variation or TRAINING) for t in trials)
+    several = len({task for task, _ in names}) > 1
+    for task, name in sorted(names, key=lambda pair: (pair[0], pair[1] != TRAINING, pair[1])):
+        if name == TRAINING and not several:
+            continue  # the same trials as in the group of the axes
+        yield "variation", f"{task}/{name}", [t for t in trials if (t.task, t.variation or TRAINING) == (task, name)]
+    for label in sorted({t.label for t in trials if not t.success}):
+        yield "label", label, [t for t in trials if t.label == label]
+
+
+def _group(kind: GroupKind, name: str, members: Sequence[AskedTrial]) -> GroupKnowledge:
+    asked = [t for t in members if t.is_known is not None]
+    table = PairedTable.from_outcomes((bool(t.is_known), t.success) for t in asked)
+    failed = [t for t in asked if not t.success]
+    chances = [t.chance for t in failed]
+    difference = newcombe_paired_difference(table)
+    p_paired, p_guessing = mcnemar_p(table), guessing_p(table.only_first, chances)
+    return GroupKnowledge(
+        kind=kind,
+        name=name,
+        trials=len(members),
+        knows=Rate(table.both + table.only_first, len(asked)),
+        does=Rate(table.both + table.only_second, len(asked)),
+        expected=sum(t.chance for t in asked),
+        failed=len(failed),
+        known_failures=table.only_first,
+        expected_failures=sum(chances),
+        difference=difference,
+        p_paired=p_paired,
+        p_guessing=p_guessing,
+        p=max(p_paired, p_guessing) if (difference.value or 0.0) > 0.0 else p_paired,
+    )
+
+
+def _judged(group: GroupKnowledge, adjusted: float, alpha: float) -> GroupKnowledge:
+    verdict = GroupVerdict.OPEN
+    if adjusted < alpha:
+        verdict = GroupVerdict.KNOWS_MORE if (group.difference.value or 0.0) > 0.0 else GroupVerdict.DOES_MORE
+    return replace(group, adjusted=adjusted, verdict=verdict)

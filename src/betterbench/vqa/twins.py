@@ -1,0 +1,69 @@
+"""Static twins: for a question about a variation, a question of the same kind about its training scene.
+
+The twin is about the training condition of the variation, with the same seed and about the objects of that scene. It
+has the same type, form and family, and the same role in a set about decisive moments.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+
+from betterbench.errors import UnknownNameError
+from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
+from betterbench.vqa.question import Question, hash_number
+
+
+@lru_cache(maxsize=4096)
+def axis_of(task: str, condition: str) -> str | None:
+    """Return the axis of a variation, or None for another condition or an unknown task."""
+    try:
+        return resolve_condition(task, condition).axis
+    except UnknownNameError:
+        return None
+
+
+def scene_twin(trial: TrialId) -> TrialId | None:
+    """Return the trial on the training condition with the same seed, or None unless the trial is of a variation."""
+    if axis_of(trial.task, trial.condition) is None:
+        return None
+    return TrialId(trial.task, resolve_condition(trial.task, trial.condition).base, trial.seed)
+
+
+def static_twins(questions: Sequence[Question]) -> dict[str, str]:
+    """Return the identifiers of the twins, by the identifiers of the questions about variations.
+
+    Among the questions of the same kind about the training scene, the twin is the one that has the fewest twins so far,
+    then the same camera, the same number of wording, and the smallest distance in time. A question about a training
+    scene may be the twin of several questions, as a training trial may be the twin of several variations. A question
+    without a question of its kind about the training scene has no twin and is left out.
+    """
+    scenes: dict[tuple[object, ...], list[Question]] = {}
+    for question in questions:
+        scenes.setdefault((question.source.trial, *_kind(question)), []).append(question)
+    used = Counter[str]()
+    found: dict[str, str] = {}
+    for question in questions:
+        trial = scene_twin(question.source.trial)
+        candidates = [] if trial is None else scenes.get((trial, *_kind(question)), [])
+        if candidates:
+            twin = min(candidates, key=lambda other: (used[other.id], *_distance(question, other)))
+            used[twin.id] += 1
+            found[question.id] = twin.id
+    return found
+
+
+def _kind(question: Question) -> tuple[object, ...]:
+    return question.type, question.form, question.family, question.role
+
+
+def _distance(question: Question, other: Question) -> tuple[object, ...]:
+    """Return how much two questions of the same kind differ, as a tuple for sorting."""
+    return (
+        question.source.camera != other.source.camera,
+        bool(set(question.tags) ^ set(other.tags)),
+        abs(question.source.time_s - other.source.time_s),
+        hash_number("twin", question.id, other.id),
+    )

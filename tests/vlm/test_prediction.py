@@ -1,0 +1,66 @@
+"""Whether a static score predicts the illusion gap: runs of both kinds, paired by policy, and few policies."""
+
+from __future__ import annotations
+
+import pytest
+from tests.vlm.test_running import Scripted, run
+from tests.vqa.small import OPTIONS, SIZE, small_run
+
+from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation.figures.views import ViewRenderer
+from betterbench.vlm.prediction import PolicyPoint, predictions_of
+from betterbench.vqa.dataset import make_set
+
+
+def point(name, score, gap, static_gap=None):
+    return PolicyPoint(name, score, 100, static_gap, gap, gap - 0.1, gap + 0.1, 20, 0.9, 0.9 - gap)
+
+
+def test_nothing_is_concluded_from_fewer_than_five_policies():
+    (found,) = predictions_of([point(str(i), 0.1 * i, 0.9 - 0.1 * i) for i in range(4)])
+    assert found.correlation.value == pytest.approx(-1.0)
+    assert not found.is_supported
+    assert found.sentence.startswith("static score: cannot be concluded from 4 policies: rank correlation -1.00")
+
+
+def test_a_perfect_ranking_of_six_policies_is_a_conclusion_with_its_direction():
+    policies = [point(str(i), 0.1 * i, 0.9 - 0.1 * i, static_gap=0.1 * (i % 2)) for i in range(6)]
+    score, gap = predictions_of(policies)
+    assert score.is_supported
+    assert "a higher value goes with a smaller gap" in score.sentence
+    assert (gap.predictor, gap.is_supported) == ("static gap", False)
+    assert gap.sentence.startswith("static gap: cannot be concluded from 6 policies")
+
+
+def test_policies_without_differences_and_a_single_policy():
+    (found,) = predictions_of([point(str(i), 0.5, 0.1 * i) for i in range(6)])
+    assert found.sentence == "static score: all 6 policies have the same value, so there is no correlation."
+    with pytest.raises(InvalidInputError, match="one policy has no ranking"):
+        predictions_of([point("a", 0.5, 0.1)])
+
+
+@pytest.mark.physics
+@pytest.mark.render
+def test_compare_pairs_static_and_acted_runs_by_name_or_order(tmp_path, capsys):
+    wanted = {"morning_coffee": ("L3", None)}
+    acted = [small_run(policy, tmp_path / policy.replace(":", "-"), wanted) for policy in ("zoo:color", "expert")]
+    asked = make_set(
+        acted[1], tmp_path / "set", OPTIONS, open_photos=lambda: ViewRenderer(acted[1], size=SIZE, quality="fast")
+    )
+    for name in ("a", "b"):
+        run("better-vqa", asked.path, tmp_path / name, Scripted(lambda *_: "Yes"), at_once=1)
+    static = [str(tmp_path / name) for name in ("a", "b")]
+    paths = [str(folder.path) for folder in acted]
+    assert main(["compare", *static, *paths]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "all 2 policies have the same value" in out
+    assert main(["compare", *static, *paths, "--json"]) == 0
+    assert '"predictor": "static score"' in capsys.readouterr().out
+    named = [word for name in ("x", "y", "y", "x") for word in ("--name", name)]
+    assert main(["compare", *static, *paths, *named]) == 0
+    capsys.readouterr()
+    assert main(["compare", *static, paths[0]]) == 2
+    assert "has no run of better eval for the same policy" in " ".join(capsys.readouterr().err.split())
+    assert main(["compare", *static, *paths, "--name", "x"]) == 2
+    assert "1 names for 4 runs" in " ".join(capsys.readouterr().err.split())
