@@ -33,6 +33,7 @@ from betterbench.statistics.rate import Rate
 from betterbench.statistics.ratio import difference_of, ratio_of
 from betterbench.statistics.rounding import percent, round_half_up
 from betterbench.statistics.sequential import EProcess, discordant_e_process, two_rate_e_process
+from betterbench.statistics.threshold import FurtherLoss, Reading, Threshold, fit_threshold
 from betterbench.statistics.unpaired import barnard_p, barnard_p_values, boschloo_p, fisher_p
 from betterbench.statistics.until_decided import (
     Answer,
@@ -52,6 +53,7 @@ __all__ = [
     "DetectableDifference",
     "Difference",
     "EProcess",
+    "FurtherLoss",
     "Interval",
     "IntervalMethod",
     "Outcomes",
@@ -59,7 +61,9 @@ __all__ = [
     "Question",
     "RankingArea",
     "Rate",
+    "Reading",
     "StoppingRule",
+    "Threshold",
     "Verdict",
     "anytime_interval",
     "barnard_p",
@@ -78,6 +82,7 @@ __all__ = [
     "evidence_below",
     "exchange_p",
     "fisher_p",
+    "fit_threshold",
     "holm",
     "mcnemar_p",
     "mean_of_rates",

@@ -24,8 +24,10 @@ from betterbench.jobs.conflict import require_free, require_same
 from betterbench.jobs.durable import on_disk
 from betterbench.json_form import dump_json, open_seal, read_bounded, sealed_form, sealed_lines
 from betterbench.quoting import json_line
+from betterbench.statistics import Threshold
 from betterbench.version import __version__
 from betterbench.vlm.benchmarks.benchmark import Benchmark
+from betterbench.vlm.eyesight import eyesight, readings_of
 from betterbench.vlm.items import ItemSet
 from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
 from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
@@ -98,6 +100,7 @@ class StaticRun:
         score: Scores.
         upstream: Scores of upstream programs, if requested.
         refused: Number of rejected requests.
+        eyesight: Size of objects that the model needs to answer; None if the benchmark does not know the sizes.
     """
 
     path: Path
@@ -107,6 +110,7 @@ class StaticRun:
     score: StaticScore
     upstream: tuple[UpstreamScore, ...]
     refused: int
+    eyesight: Threshold | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict without the items."""
@@ -115,6 +119,7 @@ class StaticRun:
             "refused": self.refused,
             **self.score.to_json(),
             "upstream": [found.to_json() for found in self.upstream],
+            **({} if self.eyesight is None else {"eyesight": self.eyesight.to_json()}),
         }
 
 
@@ -161,7 +166,9 @@ def evaluate_model(
         scorers = UPSTREAM.get(benchmark.name, ()) if settings.official else ()
         upstream = tuple(upstream_scores(scorers, items, texts, score, settings.coordinates))
         refused = sum(answer.error is not None for answer in answers.answers.values())
-        run = StaticRun(out, head, answers, extracted, score, upstream, refused)
+        column = "parsed" if extracted is None else "extracted"
+        sight = eyesight(readings_of(items, score, settings.eyes, column), f"{head['benchmark']}:{head['model']}")
+        run = StaticRun(out, head, answers, extracted, score, upstream, refused, sight)
         _write(run, items)
         return run
 
@@ -273,8 +280,10 @@ def _extracted(
 
 def _write(run: StaticRun, items: ItemSet) -> None:
     lines = []
+    eyes = Eyes(run.head["eyes"])
     for item, score in zip(items.items, run.score.items, strict=True):
         line = asdict(score) | {"score": _shown(score.score), "groups": dict(item.groups), "cluster": item.cluster}
+        line |= {"size_px": item.size_px(eyes), "chance": item.chance}
         lines.append(json_line(dump_json(line)))
     write_durably(run.path / ITEMS_NAME, sealed_lines(b"".join(lines)))
     form = sealed_form(json.loads(dump_json(run.to_json())))

@@ -31,6 +31,8 @@ class StoredItem:
         stage: Stage that produced the value.
         groups: Name of the item's group by kind of group.
         cluster: Items with the same cluster share a scene, image or video.
+        size_px: Size of the question's smallest object at the resolution of the run's eyes [pixel]; None if unknown.
+        chance: Probability of guessing the answer; None if unknown.
     """
 
     id: str
@@ -38,6 +40,8 @@ class StoredItem:
     stage: Stage
     groups: dict[str, str]
     cluster: str
+    size_px: float | None = None
+    chance: float | None = None
 
     def score_in(self, column: str) -> Fraction:
         """Return the score in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 from betterbench.cli.console import print_item, print_table
 from betterbench.statistics import round_half_up
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
+from betterbench.vlm.eyesight import eyesight_sentence
 from betterbench.vlm.running import StaticRun
 from betterbench.vlm.scoring import COLUMNS, Part
 
 if TYPE_CHECKING:
+    from betterbench.vlm.eyesight import EyesightComparison
     from betterbench.vlm.fetching import FetchedFile
     from betterbench.vlm.probe import Finding
     from betterbench.vlm.steps import Cell, StepTable
@@ -51,6 +53,50 @@ def print_steps(table: StepTable) -> None:
         )
     for line in table.warnings:
         print_item(line)
+    _print_groups(table)
+    for compared in table.eyesight:
+        _print_eyesight(compared)
+
+
+def _print_groups(table: StepTable) -> None:
+    """Print the groups of questions that a step gained or lost."""
+    if not table.groups:
+        return
+    moved = [group for group in table.groups if group.is_supported]
+    rows = [
+        [
+            f"{group.lower} − {group.upper}",
+            f"{group.kind}: {group.name}",
+            str(group.n),
+            f"{-100 * (group.difference.value or 0.0):+.1f}",
+            f"{-group.difference.high_pp:+.1f} to {-group.difference.low_pp:+.1f}",
+        ]
+        for group in moved
+    ]
+    if moved:
+        print_table(["step", "group", "n", "points", "95 % interval"], rows, title="Groups that a step changed")
+    kinds = ", ".join(dict.fromkeys(group.kind for group in table.groups))
+    number = f"{len(moved)} of {len(table.groups)}" if moved else f"none of {len(table.groups)}"
+    print_item(
+        f"Groups of questions ({kinds}) with a supported change: {number}, by paired tests with Holm's correction over "
+        f"all groups of a kind."
+    )
+
+
+def _print_eyesight(compared: EyesightComparison) -> None:
+    """Print the sizes that a model reads with several eyes, and whether one size explains all scores."""
+    rows = []
+    for eyes, alone in compared.alone.items():
+        loss = compared.together.further.get(eyes)
+        size = "–" if alone.value is None else f"{alone.value:.1f} ({alone.low:.1f} to {alone.high:.1f})"
+        more = "–" if loss is None else f"{-100 * loss.value:+.1f} ({-100 * loss.high:+.1f} to {-100 * loss.low:+.1f})"
+        rows.append([eyes, str(alone.n), f"{100 * compared.scores[eyes]:.1f}", size, more])
+    heads = ["eyes", "n", "score %", "reads from px", "beyond the sizes"]
+    print_table(heads, rows, title=f"Eyesight of {compared.name}, {compared.benchmark}")
+    for eyes, alone in compared.alone.items():
+        if alone.value is None:
+            print_item(f"{eyes}: the size cannot be concluded, because {alone.reason}.")
+    print_item(compared.sentence)
 
 
 def _cell(cell: Cell | None) -> str:
@@ -83,6 +129,8 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
     lines = [f"{benchmark.title}: {percent_of(score.headline[column])} % ({score.rule})."]
     macro = [f"{kind} {percent_of(means[column])} %" for kind, means in score.macro.items()]
     lines.append(f"Macro means: {', '.join(macro)}.")
+    if run.eyesight is not None:
+        lines.append(eyesight_sentence(run.eyesight))
     everything = score.all
     if everything.answered < everything.n:
         rest = (

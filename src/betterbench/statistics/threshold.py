@@ -1,0 +1,378 @@
+"""Threshold of a stimulus at which answers become correct, such as the size at which a model reads an image.
+
+The model is the psychometric function with guessing and lapses (Wichmann and Hill, "The psychometric function: I.
+Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):
+
+    P(correct) = f + (1 - f) k F(x),    F(x) = 1 / (1 + (x / s)^-b),    f = g c
+
+The chance ``c`` of guessing an item is known. The fitted parameters are the threshold ``s`` at which half of the items
+are read, the slope ``b``, the share ``g`` of unread items that are guessed (0 for a model that then gives no answer),
+and the knowledge ``k`` of each kind of item: the share of readable items that are answered correctly without guessing.
+Because ``k`` belongs to a kind, kinds that are difficult at every size do not move the threshold.
+
+Under several conditions, such as resolutions, each condition but the first has a factor for ``k`` and a factor for
+``s``. Both are 1 if the sizes explain all differences between conditions. A weak prior keeps them at 1 unless the data
+say otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.flips import sign_flip_p
+from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
+
+RESAMPLES = 200
+"""Default number of bootstrap resamples."""
+LEAST_ITEMS, LEAST_CLUSTERS = 40, 8
+"""Fewest items and clusters for a conclusion."""
+EDGE = 0.02
+"""Share of the items beyond each end of the interval's permitted range: a threshold among the smallest or largest 2 %
+of the sizes is not bracketed by data."""
+_SLOPES = (2.0, 40.0)
+"""Range of the slope. At 40, F rises from 10 to 90 % within 11 % of the size, which is about a step."""
+_BINS = 100
+"""Sizes are rounded to a hundredth of their natural logarithm, so that equal items are counted together."""
+_LEAST_P = 0.005
+"""Bound of the probabilities away from 0 and 1, so that a single lucky answer does not decide."""
+
+_PRIOR = 0.5
+"""Standard deviation of the prior of the logarithm of a condition's factors."""
+
+_Numbers = npt.NDArray[np.float64]
+_Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class FurtherLoss:
+    """Loss of mean score under a condition that the sizes do not explain.
+
+    Attributes:
+        value: The loss, as a fraction; below 0 for a gain.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        is_supported: Whether the interval excludes 0 after Bonferroni's correction over the conditions.
+        knowledge: Factor of the knowledge.
+        threshold: Factor of the threshold.
+    """
+
+    value: float
+    low: float
+    high: float
+    is_supported: bool
+    knowledge: float
+    threshold: float
+
+
+@dataclass(frozen=True, slots=True)
+class Threshold:
+    """Threshold of a stimulus with its interval.
+
+    Attributes:
+        value: The threshold, in the unit of the sizes; None if it cannot be concluded.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        rises_from: Size at which a tenth of the items is read; below the threshold.
+        rises_to: Size at which nine tenths are read.
+        reason: Why no threshold can be concluded; empty if one can.
+        n: Number of items.
+        clusters: Number of clusters.
+        smallest: Smallest size.
+        largest: Largest size.
+        guessing: Fitted share of unread items that are guessed.
+        knowledge: Fitted share of readable items that are answered without guessing, by kind.
+        further: Further loss by condition, without the first condition.
+    """
+
+    value: float | None
+    low: float
+    high: float
+    rises_from: float
+    rises_to: float
+    reason: str
+    n: int
+    clusters: int
+    smallest: float
+    largest: float
+    guessing: float
+    knowledge: Mapping[str, float] = field(default_factory=dict)
+    further: Mapping[str, FurtherLoss] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict; numbers without data are None."""
+        form = asdict(self)
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in form.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One item that was asked.
+
+    Attributes:
+        size: Size of the stimulus, above 0.
+        score: Score between 0 and 1.
+        chance: Probability of guessing the answer; 0 if it cannot be guessed.
+        kind: Kind of item, with a knowledge of its own.
+        cluster: Items with the same cluster are not independent.
+        condition: Condition under which the item was asked.
+    """
+
+    size: float
+    score: float
+    chance: float
+    kind: str
+    cluster: str
+    condition: str = ""
+
+
+def fit_threshold(
+    readings: Sequence[Reading],
+    *,
+    generator: np.random.Generator,
+    resamples: int = RESAMPLES,
+    confidence: float = DEFAULT_CONFIDENCE,
+) -> Threshold:
+    """Return the size at which items are read, by maximum likelihood with a bootstrap over clusters.
+
+    A threshold is concluded only if there are enough items and clusters, scores rise with the size (sign flips of the
+    clusters' covariances of score and log size within kinds, two-sided at 1 - confidence), and the interval lies within
+    the sizes of the items.
+
+    Args:
+        readings: The items. The first one's condition is the reference of the further losses.
+        generator: Source of randomness.
+        resamples: Number of bootstrap resamples of whole clusters; an item under several conditions must have one
+            cluster.
+        confidence: Two-sided confidence level. The further losses are supported at this level after Bonferroni's
+            correction over conditions.
+
+    Raises:
+        InvalidInputError: If a size, score or chance is out of range.
+    """
+    check_fraction("confidence", confidence)
+    if resamples < 1:
+        raise InvalidInputError("resamples", f"must be at least 1, got {resamples}", "Give 200 or more")
+    for r in readings:
+        if not (r.size > 0 and 0 <= r.score <= 1 and 0 <= r.chance < 1):
+            problem = f"size {r.size!r}, score {r.score!r}, chance {r.chance!r}"
+            raise InvalidInputError("readings", problem, "Give sizes above 0, and scores and chances from 0 to 1")
+    sizes = [r.size for r in readings]
+    clusters = sorted({r.cluster for r in readings})
+    nothing = Threshold(
+        None, math.nan, math.nan, math.nan, math.nan, "", len(readings), len(clusters),
+        min(sizes, default=math.nan), max(sizes, default=math.nan), math.nan,
+    )  # fmt: skip
+    if len(readings) < LEAST_ITEMS or len(clusters) < LEAST_CLUSTERS:
+        counted = f"{len(readings)} items in {len(clusters)} clusters"
+        return _because(nothing, f"{counted} are too few; {LEAST_ITEMS} in {LEAST_CLUSTERS} are needed")
+    cells = _Cells.of(readings)
+    everything = cells.counts(np.ones(len(cells.clusters)))
+    best = cells.fit(everything)
+    order = generator.multinomial(len(clusters), np.full(len(clusters), 1 / len(clusters)), size=resamples)
+    drawn = [cells.fit(cells.counts(weights.astype(np.float64)), near=best) for weights in order]
+    tail = (1 - confidence) / 2
+    logs = np.array([d[0] for d in drawn])
+    low, high = np.exp(np.quantile(logs, (tail, 1 - tail)))
+    found = Threshold(
+        value=float(np.exp(best[0])),
+        low=float(low),
+        high=float(high),
+        rises_from=float(np.exp(best[0] - math.log(9) / math.exp(best[1]))),
+        rises_to=float(np.exp(best[0] + math.log(9) / math.exp(best[1]))),
+        reason="",
+        n=len(readings),
+        clusters=len(clusters),
+        smallest=float(min(sizes)),
+        largest=float(max(sizes)),
+        guessing=float(best[2]),
+        knowledge=dict(zip(cells.kinds, map(float, best[3 : 3 + len(cells.kinds)]), strict=True)),
+        further=_further(cells, best, drawn, confidence),
+    )
+    return _judged(found, readings, generator, confidence)
+
+
+def _judged(
+    found: Threshold, readings: Sequence[Reading], generator: np.random.Generator, confidence: float
+) -> Threshold:
+    """Return a threshold, or the reason why the data do not bracket it."""
+    below, above = np.quantile([r.size for r in readings], (EDGE, 1 - EDGE))
+    known = float(np.mean([found.knowledge[r.kind] for r in readings]))
+    span = f"{found.smallest:.0f} to {found.largest:.0f}"
+    rise, p = _trend(readings, generator)
+    if p >= 1 - confidence or rise <= 0:
+        excess = float(np.mean([r.score - r.chance for r in readings]))
+        if excess < 0.05 or known < 0.05:
+            return _because(found, f"the answers are not better than guessing at any size from {span}")
+        return _because(found, f"the score does not rise with the size from {span}; a threshold would be below them")
+    if found.low < below:
+        return _because(found, f"too few items are smaller than the threshold (sizes from {span})")
+    if found.high > above:
+        return _because(found, f"too few items are larger than the threshold (sizes from {span})")
+    return found
+
+
+def _because(found: Threshold, reason: str) -> Threshold:
+    form = {name: getattr(found, name) for name in Threshold.__slots__}
+    return Threshold(**{**form, "value": None, "reason": reason})
+
+
+def _trend(readings: Sequence[Reading], generator: np.random.Generator) -> tuple[float, float]:
+    """Return the covariance of score and log size within kinds and conditions, and its p-value by sign flips."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, r in enumerate(readings):
+        groups.setdefault((r.kind, r.condition), []).append(i)
+    x, y = np.log([r.size for r in readings]), np.array([r.score for r in readings])
+    for members in groups.values():
+        x[members] -= x[members].mean()
+        y[members] -= y[members].mean()
+    sums: dict[str, float] = {}
+    for r, product in zip(readings, (x * y).tolist(), strict=True):
+        sums[r.cluster] = sums.get(r.cluster, 0.0) + product
+    values = [sums[name] for name in sorted(sums)]
+    return sum(values), sign_flip_p(values, generator=generator)
+
+
+def _further(cells: _Cells, best: _Numbers, drawn: Sequence[_Numbers], confidence: float) -> dict[str, FurtherLoss]:
+    found = {}
+    number = len(cells.conditions) - 1
+    for index, name in enumerate(cells.conditions[1:], start=1):
+        values = [cells.further_loss(of, index) for of in drawn]
+        tail, strict = (1 - confidence) / 2, (1 - confidence) / 2 / number
+        low, high = np.quantile(values, (tail, 1 - tail))
+        lowest, highest = np.quantile(values, (strict, 1 - strict))
+        supported = bool(lowest > 0 or highest < 0)
+        knowledge, threshold = cells.factors(best)
+        found[name] = FurtherLoss(
+            cells.further_loss(best, index), float(low), float(high), supported,
+            float(knowledge[index]), float(threshold[index]),
+        )  # fmt: skip
+    return found
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Items counted by size, chance, kind and condition, so that the cost of a fit does not grow with their number."""
+
+    x: _Numbers
+    chance: _Numbers
+    kind: _Indices
+    condition: _Indices
+    kinds: tuple[str, ...]
+    conditions: tuple[str, ...]
+    clusters: tuple[str, ...]
+    of_item: tuple[_Indices, _Indices, _Numbers]
+
+    @classmethod
+    def of(cls, readings: Sequence[Reading]) -> _Cells:
+        kinds = tuple(sorted({r.kind for r in readings}))
+        conditions = tuple(dict.fromkeys(r.condition for r in readings))
+        clusters = tuple(sorted({r.cluster for r in readings}))
+        number = {name: i for i, name in enumerate(clusters)}
+        keys: dict[tuple[float, float, int, int], int] = {}
+        where, who = [], []
+        for r in readings:
+            x = round(math.log(r.size) * _BINS) / _BINS
+            key = (x, r.chance, kinds.index(r.kind), conditions.index(r.condition))
+            where.append(keys.setdefault(key, len(keys)))
+            who.append(number[r.cluster])
+        logs = np.array([key[0] for key in keys], dtype=np.float64)
+        chance = np.array([key[1] for key in keys], dtype=np.float64)
+        kind, condition = (np.array([key[i] for key in keys], dtype=np.intp) for i in (2, 3))
+        items = (
+            np.array(where, dtype=np.intp),
+            np.array(who, dtype=np.intp),
+            np.array([r.score for r in readings], dtype=np.float64),
+        )
+        return cls(logs, chance, kind, condition, kinds, conditions, clusters, items)
+
+    def counts(self, weights: _Numbers) -> tuple[_Numbers, _Numbers]:
+        """Return the sum of scores and the number of items of each cell, with a weight per cluster."""
+        where, who, scores = self.of_item
+        weight = weights[who]
+        size = len(self.x)
+        correct = np.bincount(where, weight * scores, size).astype(np.float64)
+        total = np.bincount(where, weight, size).astype(np.float64)
+        return correct, total
+
+    def further_loss(self, at: _Numbers, condition: int) -> float:
+        """Return the mean score that the items of a condition lose by its factor, at given parameters."""
+        chosen = self.condition == condition
+        _, count = self.counts(np.ones(len(self.clusters)))
+        plain = at.copy()
+        plain[3 + len(self.kinds) :] = 0.0
+        lost = (self._rates(plain)[0] - self._rates(at)[0])[chosen]
+        return float((lost * count[chosen]).sum() / count[chosen].sum())
+
+    def factors(self, at: _Numbers) -> tuple[_Numbers, _Numbers]:
+        """Return the factors of the knowledge and of the threshold, per condition."""
+        more = len(self.conditions) - 1
+        logs = at[3 + len(self.kinds) :]
+        return np.exp(np.concatenate([[0.0], logs[:more]])), np.exp(np.concatenate([[0.0], logs[more:]]))
+
+    def _rates(self, at: _Numbers) -> tuple[_Numbers, _Numbers, _Numbers]:
+        """Return the probability of a correct answer, F, and k times the factor of the condition, per cell."""
+        knowledge, threshold = self.factors(at)
+        x = self.x - at[0] - np.log(threshold)[self.condition]
+        read = 1 / (1 + np.exp(np.clip(-math.exp(at[1]) * x, -50, 50)))
+        known = at[3 : 3 + len(self.kinds)][self.kind] * knowledge[self.condition]
+        floor = at[2] * self.chance
+        return floor + (1 - floor) * np.minimum(known * read, 1.0), read, known
+
+    def fit(self, counts: tuple[_Numbers, _Numbers], near: _Numbers | None = None) -> _Numbers:
+        """Return the most likely log threshold, log slope, guessing, knowledge and log factors of conditions."""
+        from scipy.optimize import minimize  # noqa: PLC0415 - takes 0.2 s, which most commands do not need
+
+        kinds, more = len(self.kinds), len(self.conditions) - 1
+        low, high = float(self.x.min()) - 0.3, float(self.x.max()) + 0.3
+        bounds = [
+            (low, high),
+            tuple(np.log(_SLOPES)),
+            (0.0, 1.0),
+            *[(0.001, 0.999)] * kinds,
+            *[(-3.0, 3.0)] * (2 * more),
+        ]
+        starts = np.quantile(self.x, (0.05, 0.3, 0.55, 0.8))
+        guesses = [np.array([s, math.log(8), 0.9, *[0.8] * kinds, *[0.0] * (2 * more)]) for s in starts]
+        if near is not None:
+            guesses = [near, guesses[2]]
+        found = [
+            minimize(
+                self._loss, guess, args=counts, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200}
+            )
+            for guess in guesses
+        ]
+        best = min(found, key=lambda result: float(result.fun))
+        return np.asarray(best.x, dtype=np.float64)
+
+    def _loss(self, at: _Numbers, correct: _Numbers, total: _Numbers) -> tuple[float, _Numbers]:
+        """Return the negative log-likelihood per item and its gradient."""
+        rate, read, known = self._rates(at)
+        free = (rate > _LEAST_P) & (rate < 1 - _LEAST_P)
+        rate = np.clip(rate, _LEAST_P, 1 - _LEAST_P)
+        n = total.sum()
+        kinds, more, conditions = len(self.kinds), len(self.conditions) - 1, len(self.conditions)
+        logs = at[3 + kinds :]
+        value = -(correct * np.log(rate) + (total - correct) * np.log(1 - rate)).sum() / n
+        value += (logs**2).sum() / (2 * n * _PRIOR**2)
+        slope = -(correct / rate - (total - correct) / (1 - rate)) * free / n
+        floor = at[2] * self.chance
+        by_share = slope * (1 - floor)
+        by_threshold = by_share * known * read * (1 - read) * math.exp(at[1])
+        x = self.x - at[0] - np.log(self.factors(at)[1])[self.condition]
+        gradient = np.empty(len(at))
+        gradient[0] = -by_threshold.sum()
+        gradient[1] = (by_threshold * x).sum()
+        gradient[2] = (slope * self.chance * (1 - np.minimum(known * read, 1.0))).sum()
+        by_known = by_share * read * known
+        gradient[3 : 3 + kinds] = np.bincount(self.kind, by_known, kinds) / at[3 : 3 + kinds]
+        gradient[3 + kinds : 3 + kinds + more] = np.bincount(self.condition, by_known, conditions)[1:]
+        gradient[3 + kinds + more :] = -np.bincount(self.condition, by_threshold, conditions)[1:]
+        gradient[3 + kinds :] += logs / (n * _PRIOR**2)
+        return float(value), gradient
