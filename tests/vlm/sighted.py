@@ -77,9 +77,9 @@ class Sighted:
         guesses: Whether it guesses; otherwise it says that it cannot see.
     """
 
-    def __init__(self, s, eyes, *, wrong=0.05, seed=0, lost="", guesses=True, name="scripted", asked=None):
+    def __init__(self, s, eyes, *, wrong=0.05, seed=0, lost="", guesses=True, name="scripted"):
         self.name = name
-        self.asked = {q.text: q for q in (questions() if asked is None else asked)}
+        self.asked = {q.text: q for q in questions()}
         self.s, self.eyes, self.wrong, self.seed, self.lost, self.guesses = s, eyes, wrong, seed, lost, guesses
 
     def answer(self, prompt, _pictures):

@@ -29,7 +29,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics.flips import sign_flip_p
 from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
 
-RESAMPLES = 200
+RESAMPLES = 100
 """Default number of bootstrap resamples."""
 LEAST_ITEMS, LEAST_CLUSTERS = 40, 8
 """Fewest items and clusters for a conclusion."""
@@ -38,11 +38,13 @@ EDGE = 0.02
 of the sizes is not bracketed by data."""
 _SLOPES = (2.0, 40.0)
 """Range of the slope. At 40, F rises from 10 to 90 % within 11 % of the size, which is about a step."""
-_BINS = 100
-"""Sizes are rounded to a hundredth of their natural logarithm, so that equal items are counted together."""
+_BINS = 50
+"""Sizes are rounded to 1/50 of their natural logarithm (2 %), so that equal items are counted together."""
 _LEAST_P = 0.005
 """Bound of the probabilities away from 0 and 1, so that a single lucky answer does not decide."""
 
+_PRECISION = {"maxiter": 100, "ftol": 1e-6, "gtol": 1e-4}
+"""Precision of a fit: the log-likelihood of a thousand items is exact to a thousandth."""
 _PRIOR = 0.5
 """Standard deviation of the prior of the logarithm of a condition's factors."""
 
@@ -341,11 +343,9 @@ class _Cells:
         starts = np.quantile(self.x, (0.05, 0.3, 0.55, 0.8))
         guesses = [np.array([s, math.log(8), 0.9, *[0.8] * kinds, *[0.0] * (2 * more)]) for s in starts]
         if near is not None:
-            guesses = [near, guesses[2]]
+            guesses = [near]
         found = [
-            minimize(
-                self._loss, guess, args=counts, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200}
-            )
+            minimize(self._loss, guess, args=counts, jac=True, method="L-BFGS-B", bounds=bounds, options=_PRECISION)
             for guess in guesses
         ]
         best = min(found, key=lambda result: float(result.fun))

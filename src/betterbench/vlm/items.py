@@ -37,6 +37,13 @@ class Gold:
     mask: str | None = None
     runs: tuple[int, ...] | None = None
 
+    @property
+    def written(self) -> str:
+        """The correct answer as text: the answer, the edges of the box, the name of the mask, or nothing."""
+        if self.text is not None:
+            return self.text
+        return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")
+
 
 @dataclass(frozen=True, slots=True)
 class Detail:

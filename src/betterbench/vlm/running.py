@@ -169,7 +169,7 @@ def evaluate_model(
         column = "parsed" if extracted is None else "extracted"
         sight = eyesight(readings_of(items, score, settings.eyes, column), f"{head['benchmark']}:{head['model']}")
         run = StaticRun(out, head, answers, extracted, score, upstream, refused, sight)
-        _write(run, items)
+        _write(run, items, settings)
         return run
 
 
@@ -278,12 +278,12 @@ def _extracted(
         )
 
 
-def _write(run: StaticRun, items: ItemSet) -> None:
+def _write(run: StaticRun, items: ItemSet, settings: RunSettings) -> None:
     lines = []
-    eyes = Eyes(run.head["eyes"])
     for item, score in zip(items.items, run.score.items, strict=True):
         line = asdict(score) | {"score": _shown(score.score), "groups": dict(item.groups), "cluster": item.cluster}
-        line |= {"size_px": item.size_px(eyes), "chance": item.chance}
+        line |= {"size_px": item.size_px(settings.eyes), "chance": item.chance}
+        line |= {"prompt": settings.prompt.text(item, settings.convention), "target": item.gold.written}
         lines.append(json_line(dump_json(line)))
     write_durably(run.path / ITEMS_NAME, sealed_lines(b"".join(lines)))
     form = sealed_form(json.loads(dump_json(run.to_json())))

@@ -124,6 +124,7 @@ class GroupStep:
         p: p-value of the paired test.
         adjusted: The p-value after Holm's correction over all groups of this kind in the table.
         is_supported: Whether the adjusted p-value is below ``alpha``.
+        explained_by: Smaller groups with supported steps, without whose items this group's step is not significant.
     """
 
     upper: str
@@ -136,6 +137,7 @@ class GroupStep:
     p: float
     adjusted: float
     is_supported: bool
+    explained_by: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
@@ -275,7 +277,27 @@ def _group_steps(
     for steps in found.values():
         for step, adjusted in zip(steps, holm([s.p for s in steps]), strict=True):
             corrected.append(replace(step, adjusted=adjusted, is_supported=adjusted < alpha))
-    return tuple(corrected)
+    return tuple(_explained(step, corrected, rows, column, alpha) for step in corrected)
+
+
+def _explained(
+    step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
+) -> GroupStep:
+    """Return a step with the smaller groups that explain it, such as the relation that explains the loss of a type."""
+    same = (step.upper, step.lower, step.benchmark)
+    smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
+    if not step.is_supported or not smaller:
+        return step
+    run = next(run for run in rows[step.upper].values() if run.benchmark.title == step.benchmark)
+    below = rows[step.lower][run.benchmark.name].items
+    members = [item for item in run.items.values() if item.groups.get(step.kind) == step.name]
+    sharing = [s for s in smaller if any(item.groups.get(s.kind) == s.name for item in members)]
+    rest = [item for item in members if all(item.groups.get(s.kind) != s.name for s in sharing)]
+    pairs = [(item.score_in(column), below[item.id].score_in(column)) for item in rest]
+    purpose = f"{run.benchmark.name}:{step.upper}:{step.lower}:{step.kind}:{step.name}:rest"
+    if not sharing or _paired_p(pairs, [item.cluster for item in rest], purpose)[0] < alpha:
+        return step
+    return replace(step, explained_by=tuple(f"{s.kind}: {s.name}" for s in sharing))
 
 
 def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun, column: str) -> Iterator[GroupStep]:

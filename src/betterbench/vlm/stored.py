@@ -33,6 +33,9 @@ class StoredItem:
         cluster: Items with the same cluster share a scene, image or video.
         size_px: Size of the question's smallest object at the resolution of the run's eyes [pixel]; None if unknown.
         chance: Probability of guessing the answer; None if unknown.
+        value: The value; None if the answer has none.
+        prompt: The prompt; None in runs of earlier versions.
+        target: The correct answer; None in runs of earlier versions.
     """
 
     id: str
@@ -42,6 +45,9 @@ class StoredItem:
     cluster: str
     size_px: float | None = None
     chance: float | None = None
+    value: str | None = None
+    prompt: str | None = None
+    target: str | None = None
 
     def score_in(self, column: str) -> Fraction:
         """Return the score in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""

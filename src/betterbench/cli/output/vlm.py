@@ -62,7 +62,7 @@ def _print_groups(table: StepTable) -> None:
     """Print the groups of questions that a step gained or lost."""
     if not table.groups:
         return
-    moved = [group for group in table.groups if group.is_supported]
+    moved = [group for group in table.groups if group.is_supported and not group.explained_by]
     rows = [
         [
             f"{group.lower} − {group.upper}",
@@ -79,7 +79,7 @@ def _print_groups(table: StepTable) -> None:
     number = f"{len(moved)} of {len(table.groups)}" if moved else f"none of {len(table.groups)}"
     print_item(
         f"Groups of questions ({kinds}) with a supported change: {number}, by paired tests with Holm's correction over "
-        f"all groups of a kind."
+        f"all groups of a kind. A group is left out if smaller groups explain its change."
     )
 
 
