@@ -94,23 +94,19 @@ def test_conditions_that_only_change_the_size_have_no_further_loss():
     assert abs(found.further["half"].value) < 0.03
 
 
-@pytest.mark.parametrize(
-    ("half", "knowledge", "threshold"), [((0.5, 1.0, 0.2), 0.75 / 0.95, 1.0), ((0.5, 1.5, 0.0), 1.0, 1.5)]
-)
-def test_a_further_loss_is_found(half, knowledge, threshold):
+@pytest.mark.parametrize("half", [(0.5, 1.0, 0.2), (0.5, 1.5, 0.0)], ids=["knowledge", "threshold"])
+def test_a_further_loss_is_found(half):
     found = fitted(readings(12, n=600, eyes={"native": (1.0, 1.0, 0.0), "half": half}), 100)
     loss = found.further["half"]
     assert loss.is_supported
-    assert 0.03 < loss.low < loss.value < loss.high
-    assert loss.knowledge == pytest.approx(knowledge, abs=0.1)
-    assert loss.threshold == pytest.approx(threshold, rel=0.1)
+    assert 0.0 < loss.low < loss.value < loss.high < 0.3
 
 
 def test_the_gradient_is_the_derivative():
     eyes = {"native": (1.0, 1.0, 0.0), "half": (0.5, 1.0, 0.1)}
     cells = _Cells.of(readings(12, n=100, eyes=eyes))
     counts = cells.counts(np.ones(len(cells.clusters)))
-    at = np.array([2.5, 1.5, 0.7, 0.6, 0.7, 0.8, 0.9, -0.1, 0.2])
+    at = np.array([2.5, 1.5, 0.7, 0.6, 0.7, 0.8, 0.9])
     _, gradient = cells._loss(at, *counts)
     step = 1e-6
     moved = [

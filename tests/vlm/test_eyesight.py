@@ -126,4 +126,4 @@ def test_the_run_and_the_comparison_of_eyes_say_the_size(stored, capsys, monkeyp
     assert main(["compare", str(stored["whole"]), str(stored["myopic"]), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["eyesight"][0]
     assert found["one"]["value"] == pytest.approx(20, rel=0.1)
-    assert abs(found["together"]["further"]["blur-224"]["value"]) < 0.1
+    assert abs(found["one"]["further"]["blur-224"]["value"]) < 0.1

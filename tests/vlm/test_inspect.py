@@ -19,6 +19,7 @@ class Bytes:
     encode_ordinary = encode
 
 
+@pytest.mark.filterwarnings("ignore")  # of the libraries of inspect_ai
 def test_the_task_scores_as_better_vlm(tmp_path, monkeypatch):
     import tiktoken
     from inspect_ai.model import ModelOutput, get_model

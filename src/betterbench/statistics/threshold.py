@@ -10,9 +10,9 @@ are read, the slope ``b``, the share ``g`` of unread items that are guessed (0 f
 and the knowledge ``k`` of each kind of item: the share of readable items that are answered correctly without guessing.
 Because ``k`` belongs to a kind, kinds that are difficult at every size do not move the threshold.
 
-Under several conditions, such as resolutions, each condition but the first has a factor for ``k`` and a factor for
-``s``. Both are 1 if the sizes explain all differences between conditions. A weak prior keeps them at 1 unless the data
-say otherwise.
+Under several conditions, such as resolutions, one function is fitted to all items. If the sizes explain all differences
+between conditions, the measured and the predicted scores fall alike from one condition to another. A larger measured
+fall is a further loss.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ EDGE = 0.02
 of the sizes is not bracketed by data."""
 _SLOPES = (2.0, 40.0)
 """Range of the slope. At 40, F rises from 10 to 90 % within 11 % of the size, which is about a step."""
-_BINS = 50
-"""Sizes are rounded to 1/50 of their natural logarithm (2 %), so that equal items are counted together."""
+_BINS = 100
+"""Sizes are rounded to 1/100 of their natural logarithm (1 %), so that equal items are counted together."""
 _LEAST_P = 0.005
 """Bound of the probabilities away from 0 and 1, so that a single lucky answer does not decide."""
 
 _PRECISION = {"maxiter": 100, "ftol": 1e-6, "gtol": 1e-4}
 """Precision of a fit: the log-likelihood of a thousand items is exact to a thousandth."""
-_PRIOR = 0.5
-"""Standard deviation of the prior of the logarithm of a condition's factors."""
+_RESOLUTION = 1 / 40
+"""Half of the width in log size within which no fit locates a threshold; the interval is extended by it. It is the
+scale of the steepest F, which has this width even for a model with a sharp threshold."""
 
 _Numbers = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
@@ -54,23 +55,19 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Loss of mean score under a condition that the sizes do not explain.
+    """Fall of the mean score from the first condition to another that the sizes do not explain.
 
     Attributes:
         value: The loss, as a fraction; below 0 for a gain.
         low: Lower end of the interval.
         high: Upper end of the interval.
         is_supported: Whether the interval excludes 0 after Bonferroni's correction over the conditions.
-        knowledge: Factor of the knowledge.
-        threshold: Factor of the threshold.
     """
 
     value: float
     low: float
     high: float
     is_supported: bool
-    knowledge: float
-    threshold: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,10 +175,14 @@ def fit_threshold(
     everything = cells.counts(np.ones(len(cells.clusters)))
     best = cells.fit(everything)
     order = generator.multinomial(len(clusters), np.full(len(clusters), 1 / len(clusters)), size=resamples)
-    drawn = [cells.fit(cells.counts(weights.astype(np.float64)), near=best) for weights in order]
+    drawn, losses = [], []
+    for weights in order:
+        counts = cells.counts(weights.astype(np.float64))
+        at = cells.fit(counts, near=best)
+        drawn.append(at[0])
+        losses.append(cells.further_losses(at, counts))
     tail = (1 - confidence) / 2
-    logs = np.array([d[0] for d in drawn])
-    low, high = np.exp(np.quantile(logs, (tail, 1 - tail)))
+    low, high = np.exp(np.quantile(drawn, (tail, 1 - tail)) + np.array([-_RESOLUTION, _RESOLUTION]))
     found = Threshold(
         value=float(np.exp(best[0])),
         low=float(low),
@@ -195,7 +196,7 @@ def fit_threshold(
         largest=float(max(sizes)),
         guessing=float(best[2]),
         knowledge=dict(zip(cells.kinds, map(float, best[3 : 3 + len(cells.kinds)]), strict=True)),
-        further=_further(cells, best, drawn, confidence),
+        further=_further(cells, cells.further_losses(best, everything), np.array(losses), confidence),
     )
     return _judged(found, readings, generator, confidence)
 
@@ -241,20 +242,15 @@ def _trend(readings: Sequence[Reading], generator: np.random.Generator) -> tuple
     return sum(values), sign_flip_p(values, generator=generator)
 
 
-def _further(cells: _Cells, best: _Numbers, drawn: Sequence[_Numbers], confidence: float) -> dict[str, FurtherLoss]:
+def _further(cells: _Cells, value: _Numbers, drawn: _Numbers, confidence: float) -> dict[str, FurtherLoss]:
+    """Return the further loss of each condition but the first, given those of the resamples (resamples, conditions)."""
     found = {}
-    number = len(cells.conditions) - 1
+    tail = (1 - confidence) / 2
     for index, name in enumerate(cells.conditions[1:], start=1):
-        values = [cells.further_loss(of, index) for of in drawn]
-        tail, strict = (1 - confidence) / 2, (1 - confidence) / 2 / number
-        low, high = np.quantile(values, (tail, 1 - tail))
-        lowest, highest = np.quantile(values, (strict, 1 - strict))
-        supported = bool(lowest > 0 or highest < 0)
-        knowledge, threshold = cells.factors(best)
-        found[name] = FurtherLoss(
-            cells.further_loss(best, index), float(low), float(high), supported,
-            float(knowledge[index]), float(threshold[index]),
-        )  # fmt: skip
+        low, high = np.nanquantile(drawn[:, index], (tail, 1 - tail))
+        strict = tail / (len(cells.conditions) - 1)
+        least, most = np.nanquantile(drawn[:, index], (strict, 1 - strict))
+        found[name] = FurtherLoss(float(value[index]), float(low), float(high), bool(least > 0 or most < 0))
     return found
 
 
@@ -303,45 +299,36 @@ class _Cells:
         total = np.bincount(where, weight, size).astype(np.float64)
         return correct, total
 
-    def further_loss(self, at: _Numbers, condition: int) -> float:
-        """Return the mean score that the items of a condition lose by its factor, at given parameters."""
-        chosen = self.condition == condition
-        _, count = self.counts(np.ones(len(self.clusters)))
-        plain = at.copy()
-        plain[3 + len(self.kinds) :] = 0.0
-        lost = (self._rates(plain)[0] - self._rates(at)[0])[chosen]
-        return float((lost * count[chosen]).sum() / count[chosen].sum())
-
-    def factors(self, at: _Numbers) -> tuple[_Numbers, _Numbers]:
-        """Return the factors of the knowledge and of the threshold, per condition."""
-        more = len(self.conditions) - 1
-        logs = at[3 + len(self.kinds) :]
-        return np.exp(np.concatenate([[0.0], logs[:more]])), np.exp(np.concatenate([[0.0], logs[more:]]))
+    def further_losses(self, at: _Numbers, counts: tuple[_Numbers, _Numbers]) -> _Numbers:
+        """Return the measured minus the predicted fall of the mean score from the first condition, per condition."""
+        correct, total = counts
+        size = len(self.conditions)
+        left = np.bincount(self.condition, correct - total * self._rates(at)[0], size)
+        with np.errstate(invalid="ignore"):  # a condition without items in a resample
+            mean = left / np.bincount(self.condition, total, size)
+        return np.asarray(mean[0] - mean, dtype=np.float64)
 
     def _rates(self, at: _Numbers) -> tuple[_Numbers, _Numbers, _Numbers]:
-        """Return the probability of a correct answer, F, and k times the factor of the condition, per cell."""
-        knowledge, threshold = self.factors(at)
-        x = self.x - at[0] - np.log(threshold)[self.condition]
-        read = 1 / (1 + np.exp(np.clip(-math.exp(at[1]) * x, -50, 50)))
-        known = at[3 : 3 + len(self.kinds)][self.kind] * knowledge[self.condition]
+        """Return the probability of a correct answer, F, and k, per cell."""
+        read = 1 / (1 + np.exp(np.clip(-math.exp(at[1]) * (self.x - at[0]), -50, 50)))
+        known = at[3:][self.kind]
         floor = at[2] * self.chance
-        return floor + (1 - floor) * np.minimum(known * read, 1.0), read, known
+        return floor + (1 - floor) * known * read, read, known
 
     def fit(self, counts: tuple[_Numbers, _Numbers], near: _Numbers | None = None) -> _Numbers:
-        """Return the most likely log threshold, log slope, guessing, knowledge and log factors of conditions."""
+        """Return the most likely log threshold, log slope, guessing and knowledge."""
         from scipy.optimize import minimize  # noqa: PLC0415 - takes 0.2 s, which most commands do not need
 
-        kinds, more = len(self.kinds), len(self.conditions) - 1
+        kinds = len(self.kinds)
         low, high = float(self.x.min()) - 0.3, float(self.x.max()) + 0.3
         bounds = [
             (low, high),
             tuple(np.log(_SLOPES)),
             (0.0, 1.0),
             *[(0.001, 0.999)] * kinds,
-            *[(-3.0, 3.0)] * (2 * more),
         ]
         starts = np.quantile(self.x, (0.05, 0.3, 0.55, 0.8))
-        guesses = [np.array([s, math.log(8), 0.9, *[0.8] * kinds, *[0.0] * (2 * more)]) for s in starts]
+        guesses = [np.array([s, math.log(8), 0.9, *[0.8] * kinds]) for s in starts]
         if near is not None:
             guesses = [near]
         found = [
@@ -354,25 +341,16 @@ class _Cells:
     def _loss(self, at: _Numbers, correct: _Numbers, total: _Numbers) -> tuple[float, _Numbers]:
         """Return the negative log-likelihood per item and its gradient."""
         rate, read, known = self._rates(at)
+        n = total.sum()
         free = (rate > _LEAST_P) & (rate < 1 - _LEAST_P)
         rate = np.clip(rate, _LEAST_P, 1 - _LEAST_P)
-        n = total.sum()
-        kinds, more, conditions = len(self.kinds), len(self.conditions) - 1, len(self.conditions)
-        logs = at[3 + kinds :]
         value = -(correct * np.log(rate) + (total - correct) * np.log(1 - rate)).sum() / n
-        value += (logs**2).sum() / (2 * n * _PRIOR**2)
         slope = -(correct / rate - (total - correct) / (1 - rate)) * free / n
-        floor = at[2] * self.chance
-        by_share = slope * (1 - floor)
+        by_share = slope * (1 - at[2] * self.chance)
         by_threshold = by_share * known * read * (1 - read) * math.exp(at[1])
-        x = self.x - at[0] - np.log(self.factors(at)[1])[self.condition]
         gradient = np.empty(len(at))
         gradient[0] = -by_threshold.sum()
-        gradient[1] = (by_threshold * x).sum()
-        gradient[2] = (slope * self.chance * (1 - np.minimum(known * read, 1.0))).sum()
-        by_known = by_share * read * known
-        gradient[3 : 3 + kinds] = np.bincount(self.kind, by_known, kinds) / at[3 : 3 + kinds]
-        gradient[3 + kinds : 3 + kinds + more] = np.bincount(self.condition, by_known, conditions)[1:]
-        gradient[3 + kinds + more :] = -np.bincount(self.condition, by_threshold, conditions)[1:]
-        gradient[3 + kinds :] += logs / (n * _PRIOR**2)
+        gradient[1] = (by_threshold * (self.x - at[0])).sum()
+        gradient[2] = (slope * self.chance * (1 - known * read)).sum()
+        gradient[3:] = np.bincount(self.kind, by_share * read, len(self.kinds))
         return float(value), gradient

@@ -98,8 +98,7 @@ class EyesightComparison:
         benchmark: Title of the benchmark.
         scores: Mean score of the items with known sizes, by eyes.
         alone: Threshold of each run alone, by eyes.
-        one: One threshold for all runs, with no other difference between them.
-        together: Threshold of the first run, with the further losses of the others.
+        one: One threshold for all runs, with the further losses of all but the first.
     """
 
     name: str
@@ -107,12 +106,11 @@ class EyesightComparison:
     scores: dict[str, float]
     alone: dict[str, Threshold]
     one: Threshold
-    together: Threshold
 
     @property
     def further(self) -> tuple[str, ...]:
         """Eyes with a supported further loss or gain."""
-        return tuple(eyes for eyes, loss in self.together.further.items() if loss.is_supported)
+        return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
 
     @property
     def sentence(self) -> str:
@@ -126,7 +124,7 @@ class EyesightComparison:
             return f"{where}: one size, {size}, explains the differences between the eyes."
         losses = []
         for eyes in self.further:
-            loss = self.together.further[eyes]
+            loss = self.one.further[eyes]
             word = "loses" if loss.value > 0 else "gains"
             losses.append(
                 f"{eyes} {word} {abs(100 * loss.value):.1f} points more than the sizes explain "
@@ -144,7 +142,6 @@ class EyesightComparison:
             "scores": self.scores,
             "alone": {eyes: found.to_json() for eyes, found in self.alone.items()},
             "one": self.one.to_json(),
-            "together": self.together.to_json(),
             "sentence": self.sentence,
         }
 
@@ -167,8 +164,7 @@ def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[R
         benchmark,
         {eyes: sum(r.score for r in of) / len(of) for eyes, of in runs},
         alone,
-        fit_threshold([replace(r, condition="") for r in everything], generator=_draws(f"{purpose}:one")),
-        fit_threshold(everything, generator=_draws(f"{purpose}:together")),
+        fit_threshold(everything, generator=_draws(f"{purpose}:one")),
     )
 
 

@@ -1,6 +1,6 @@
 """Log of samples in the form of lmms-eval, for tools that read its logs.
 
-The form is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf): the file
+The form is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf): a file
 ``MODEL/DATE_samples_TASK.jsonl`` with one line per sample, without the document, and without ``resps`` where they
 equal ``filtered_resps``. The metric is our score, because lmms-eval's own parsers give other scores for the same
 texts (:mod:`betterbench.vlm.official`).

@@ -49,11 +49,13 @@ class Cell:
         value: Headline number of the benchmark, as a fraction.
         n: Number of items in the headline number.
         run: Folder of the run.
+        parts: Mean of each group that the paper's table has as a column, by name.
     """
 
     value: float
     n: int
     run: str
+    parts: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +225,13 @@ def _name(run: StoredRun) -> str:
 
 
 def _cell(run: StoredRun, column: str) -> Cell:
-    return Cell(run.headline[column], len(run.counted()), str(run.path))
+    kind = run.benchmark.columns
+    scores: dict[str, list[Fraction]] = defaultdict(list)
+    for item in run.items.values():
+        if kind in item.groups:
+            scores[item.groups[kind]].append(item.score_in(column))
+    parts = {name: float(sum(of, Fraction(0)) / len(of)) for name, of in sorted(scores.items())}
+    return Cell(run.headline[column], len(run.counted()), str(run.path), parts)
 
 
 def _require_same_data(runs: Sequence[StoredRun]) -> None:

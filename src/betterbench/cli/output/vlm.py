@@ -44,6 +44,8 @@ def print_steps(table: StepTable) -> None:
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
     ]  # fmt: skip
     print_table(["", *(f"{title} %" for title in heads.values())], rows, title=f"Scores, {table.column}")
+    for name, title in heads.items():
+        _print_parts(table, name, title)
     for step in table.steps:
         print_item(step.sentence)
     if table.steps:
@@ -56,6 +58,15 @@ def print_steps(table: StepTable) -> None:
     _print_groups(table)
     for compared in table.eyesight:
         _print_eyesight(compared)
+
+
+def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
+    """Print the columns that the paper's Table 3 has for one benchmark, such as the domains of EgoPlan-Bench2."""
+    cells = {row.name: row.cells[benchmark] for row in table.rows if benchmark in row.cells}
+    names = list(dict.fromkeys(part for cell in cells.values() for part in cell.parts))
+    if names:
+        rows = [[name, *(_percent(cell.parts.get(p)) for p in names), _cell(cell)] for name, cell in cells.items()]
+        print_table(["", *(f"{name} %" for name in names), "all %"], rows, title=title)
 
 
 def _print_groups(table: StepTable) -> None:
@@ -87,7 +98,7 @@ def _print_eyesight(compared: EyesightComparison) -> None:
     """Print the sizes that a model reads with several eyes, and whether one size explains all scores."""
     rows = []
     for eyes, alone in compared.alone.items():
-        loss = compared.together.further.get(eyes)
+        loss = compared.one.further.get(eyes)
         size = "–" if alone.value is None else f"{alone.value:.1f} ({alone.low:.1f} to {alone.high:.1f})"
         more = "–" if loss is None else f"{-100 * loss.value:+.1f} ({-100 * loss.high:+.1f} to {-100 * loss.low:+.1f})"
         rows.append([eyes, str(alone.n), f"{100 * compared.scores[eyes]:.1f}", size, more])
@@ -100,7 +111,11 @@ def _print_eyesight(compared: EyesightComparison) -> None:
 
 
 def _cell(cell: Cell | None) -> str:
-    return "–" if cell is None else f"{percent_of(Fraction(cell.value).limit_denominator(10**9))}"
+    return _percent(None if cell is None else cell.value)
+
+
+def _percent(value: float | None) -> str:
+    return percent_of(None if value is None else Fraction(value).limit_denominator(10**9))
 
 
 def print_probe(finding: Finding) -> None:

@@ -79,6 +79,7 @@ class Benchmark:
         headline: Rule for the headline number.
         groups: Kinds of groups in the order of tables.
         coordinates: Default convention of our own prompt; None for a benchmark without points and boxes.
+        columns: Kind of group that the paper's Table 3 has as columns; empty for a benchmark with one number.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Benchmark:
     headline: Headline
     groups: tuple[str, ...]
     coordinates: Coordinates | None = None
+    columns: str = ""
 
     def load(self, folder: Path) -> ItemSet:
         """Read the data in a folder.

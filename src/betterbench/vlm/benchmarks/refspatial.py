@@ -96,5 +96,6 @@ REFSPATIAL = Benchmark(
     headline=Headline("macro", "split", _SCORED),
     groups=("split", "step"),
     coordinates="fractions",
+    columns="split",
 )
 """277 pointing tasks in three splits."""
