@@ -40,6 +40,10 @@ _SLOPES = (2.0, 40.0)
 """Range of the slope. At 40, F rises from 10 to 90 % within 11 % of the size, which is about a step."""
 _BINS = 100
 """Sizes are rounded to 1/100 of their natural logarithm (1 %), so that equal items are counted together."""
+_WIDER = 1.5
+"""Factor of the bootstrap's deviations of a further loss. The bootstrap underestimates them for sharp thresholds: on a
+set with 881 items in 34 clusters, the standard deviation over 14 simulations was 1.3 to 1.6 times that of the
+bootstrap."""
 _LEAST_P = 0.005
 """Bound of the probabilities away from 0 and 1, so that a single lucky answer does not decide."""
 
@@ -247,9 +251,10 @@ def _further(cells: _Cells, value: _Numbers, drawn: _Numbers, confidence: float)
     found = {}
     tail = (1 - confidence) / 2
     for index, name in enumerate(cells.conditions[1:], start=1):
-        low, high = np.nanquantile(drawn[:, index], (tail, 1 - tail))
+        values = value[index] + _WIDER * (drawn[:, index] - value[index])
+        low, high = np.nanquantile(values, (tail, 1 - tail))
         strict = tail / (len(cells.conditions) - 1)
-        least, most = np.nanquantile(drawn[:, index], (strict, 1 - strict))
+        least, most = np.nanquantile(values, (strict, 1 - strict))
         found[name] = FurtherLoss(float(value[index]), float(low), float(high), bool(least > 0 or most < 0))
     return found
 
