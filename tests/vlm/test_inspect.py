@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import pytest
 from tests.vlm.sighted import own_set, questions
 
@@ -47,6 +49,7 @@ def test_the_task_scores_as_better_vlm(tmp_path, monkeypatch):
     assert 0 <= found["relation"] <= 1
     assert found["stderr"] >= 0
     assert len(log.samples) == COUNT
+    gc.collect()  # streams of inspect_ai that were not closed warn here, and not at the end of all tests
     assert "parsing stage: strict" in {sample.scores["betterbench"].explanation for sample in log.samples}
 
 
