@@ -175,6 +175,46 @@ def test_an_unfinished_run_is_refused(data, tmp_path):
         step_table([run])
 
 
+def test_the_table_has_the_columns_and_steps_of_the_papers_table(data, tmp_path, capsys):
+    """Rows of falling size, co-training and eyes; columns of RefSpatial's parts and EgoPlan's domains."""
+    refspatial = published.refspatial_parquet(tmp_path / "refspatial")
+    egoplan = published.egoplan2_parquet(tmp_path / "egoplan2")
+    runs, names = [], []
+    rows = (("8B", "8B", Eyes.NATIVE), ("2B", "2B", Eyes.NATIVE), ("2B + VLM", "2B-vlm", Eyes.NATIVE))
+    for name, model, eyes in (*rows, ("2B + VLM, single", "2B-vlm", Eyes.NATIVE_224)):
+        for benchmark, folder in (("refspatial", refspatial), ("egoplan2", egoplan)):
+            chosen, out = find_benchmark(benchmark), tmp_path / f"{benchmark}-{name}"
+            answer = Always("[(0.625, 0.375)]" if benchmark == "refspatial" else "B", model)
+            settings = RunSettings(find_prompt(benchmark, None), coordinates=chosen.coordinates or "pixels", eyes=eyes)
+            evaluate_model(chosen, chosen.load(folder), answer, out, settings)
+            runs.append(out)
+            names.append(name)
+    table = step_table(runs, names=names)
+    assert [row.name for row in table.rows] == ["8B", "2B", "2B + VLM", "2B + VLM, single"]
+    assert [(s.benchmark, s.changed) for s in table.steps[::2]] == [
+        (table.steps[0].benchmark, change) for change in (("model",), ("model",), ("eyes",))
+    ]
+    assert len(table.steps) == 6
+    cells = table.rows[0].cells
+    assert {"location", "placement", "unseen"} == {name.lower() for name in cells["refspatial"].parts}
+    assert len(cells["egoplan2"].parts) > 1
+    arguments = [word for name in names for word in ("--name", name)]
+    assert main(["compare", *map(str, runs), *arguments]) == 0
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in cells["refspatial"].parts)
+    assert all(name in shown for name in cells["egoplan2"].parts)
+
+
+class Always:
+    """A model with one answer."""
+
+    def __init__(self, text, name):
+        self.text, self.name = text, name
+
+    def answer(self, _prompt, _pictures):
+        return self.text
+
+
 def test_better_compare_takes_static_runs(data, tmp_path, capsys):
     runs = [run_of(data, tmp_path / n, s, name=n) for n, s in (("8B", 0.9), ("2B", 0.2))]
     assert main(["compare", *map(str, runs)]) == 0
@@ -189,6 +229,13 @@ def test_better_compare_takes_static_runs(data, tmp_path, capsys):
         assert main(["compare", *map(str, runs), *option]) == 2
         said = " ".join(capsys.readouterr().err.split())
         assert f"{option[0]}: it does not apply to runs of better vlm" in said
+    assert main(["compare", *map(str, runs), "--paper"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "static_bottleneck" in shown
+    assert "33.38 against 31.95" in shown
+    assert "coffee_case" not in shown
+    assert main(["compare", *map(str, runs), "--paper", "--json"]) == 0
+    assert [t["name"] for t in json.loads(capsys.readouterr().out)["paper"]["tables"]] == ["static_bottleneck"]
     (tmp_path / "other").mkdir()
     assert main(["compare", str(runs[0]), str(tmp_path / "other")]) != 0
     assert "contains no run" in " ".join(capsys.readouterr().err.split())

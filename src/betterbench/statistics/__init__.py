@@ -33,6 +33,7 @@ from betterbench.statistics.rate import Rate
 from betterbench.statistics.ratio import difference_of, ratio_of
 from betterbench.statistics.rounding import percent, round_half_up
 from betterbench.statistics.sequential import EProcess, discordant_e_process, two_rate_e_process
+from betterbench.statistics.threshold import FurtherLoss, Reading, Threshold, fit_threshold
 from betterbench.statistics.unpaired import barnard_p, barnard_p_values, boschloo_p, fisher_p
 from betterbench.statistics.until_decided import (
     Answer,
@@ -52,6 +53,7 @@ __all__ = [
     "DetectableDifference",
     "Difference",
     "EProcess",
+    "FurtherLoss",
     "Interval",
     "IntervalMethod",
     "Outcomes",
@@ -60,7 +62,9 @@ __all__ = [
     "RankCorrelation",
     "RankingArea",
     "Rate",
+    "Reading",
     "StoppingRule",
+    "Threshold",
     "Verdict",
     "anytime_interval",
     "barnard_p",
@@ -79,6 +83,7 @@ __all__ = [
     "evidence_below",
     "exchange_p",
     "fisher_p",
+    "fit_threshold",
     "guessing_p",
     "holm",
     "mcnemar_p",

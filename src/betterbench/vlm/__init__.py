@@ -6,6 +6,8 @@
 - ``scoring``, ``official``: our scores with fixed denominators, and the scores of upstream programs, faults included.
 - ``models``: resolutions of images, and models that run in this process.
 - ``running``: a resumable run of a model over a benchmark; ``fetching`` downloads the data.
+- ``steps``: comparison of finished runs (``stored``); ``eyesight``: size of objects that a model reads.
+- ``samples`` and ``inspect_tasks``: logs for lmms-eval, and tasks of inspect_ai.
 
 As for ``better vqa``, :mod:`betterbench.vqa` sends the requests and reads the answers.
 """

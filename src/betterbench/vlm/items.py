@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import dump_json
-from betterbench.vlm.models.eyes import Eyes, shown_picture
+from betterbench.vlm.models.eyes import Eyes, shown_picture, size_in_detail
 from betterbench.vlm.pictures import mask_of, sendable
 from betterbench.vqa.asking import Request
 from betterbench.vqa.coordinates import Convention
@@ -44,6 +44,28 @@ class Gold:
     mask: str | None = None
     runs: tuple[int, ...] | None = None
 
+    @property
+    def written(self) -> str:
+        """The correct answer as text: the answer, the edges of the box, the name of the mask, or nothing."""
+        if self.text is not None:
+            return self.text
+        return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")
+
+
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """Smallest visible object that a question is about.
+
+    Attributes:
+        width: Width of its box in the original image [pixel].
+        height: Height of its box [pixel].
+        picture: Width and height of the original image [pixel].
+    """
+
+    width: float
+    height: float
+    picture: tuple[int, int]
+
 
 @dataclass(frozen=True, slots=True)
 class Item:
@@ -59,6 +81,8 @@ class Item:
         width: Columns of the image, for boxes and points; 0 otherwise [pixel].
         height: Rows of the image; 0 otherwise [pixel].
         words: Additional texts of the item for prompts ("object", "suffix").
+        detail: Smallest visible object of the question, where the source knows it.
+        chance: Probability of guessing the answer, where the source knows it.
     """
 
     id: str
@@ -72,6 +96,17 @@ class Item:
     width: int = 0
     height: int = 0
     words: Mapping[str, str] = field(default_factory=dict)
+    detail: Detail | None = None
+    chance: float | None = None
+
+    def size_px(self, eyes: Eyes) -> float | None:
+        """Return the size of the smallest object at the resolution of the eyes [pixel], if it is known.
+
+        The size is the geometric mean of width and height.
+        """
+        if self.detail is None:
+            return None
+        return size_in_detail((self.detail.width, self.detail.height), self.detail.picture, eyes)
 
     def spec(self, convention: Convention) -> AnswerSpec:
         """Return the form of the answer in a convention of coordinates."""
@@ -121,7 +156,8 @@ class ItemSet:
             return self.content
         digest = hashlib.sha256(dump_json([self.benchmark, dict(sorted(self.files.items()))]))
         for item in self.items:
-            digest.update(dump_json(_plain(item) | {"gold": _plain(item.gold), "form": item.form.value}))
+            form = {k: v for k, v in _plain(item).items() if k not in ("detail", "chance")}
+            digest.update(dump_json(form | {"gold": _plain(item.gold), "form": item.form.value}))
         return digest.hexdigest()
 
     def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:

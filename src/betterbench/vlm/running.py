@@ -24,9 +24,11 @@ from betterbench.jobs.conflict import require_free, require_same
 from betterbench.jobs.durable import on_disk
 from betterbench.json_form import dump_json, open_seal, read_bounded, sealed_form, sealed_lines
 from betterbench.quoting import json_line
+from betterbench.statistics import Threshold
 from betterbench.version import __version__
 from betterbench.vlm.benchmarks.benchmark import Benchmark
 from betterbench.vlm.completeness import Completeness, completeness_of
+from betterbench.vlm.eyesight import eyesight, readings_of
 from betterbench.vlm.items import ItemSet
 from betterbench.vlm.models.eyes import Eyes, contact_sheet, convention_for
 from betterbench.vlm.official import UPSTREAM, UpstreamScore, upstream_scores
@@ -105,6 +107,7 @@ class StaticRun:
         extractor_requests: Totals of the requests to the extractor; None without one.
         completeness: Size of the data, compared with the published data.
         prices: Prices of the model's tokens, if given.
+        eyesight: Size of objects that the model needs to answer; None if the benchmark does not know the sizes.
     """
 
     path: Path
@@ -117,6 +120,7 @@ class StaticRun:
     extractor_requests: RequestTotals | None
     completeness: Completeness
     prices: Prices | None = None
+    eyesight: Threshold | None = None
 
     @property
     def refused(self) -> int:
@@ -136,6 +140,7 @@ class StaticRun:
             "completeness": self.completeness.to_json(),
             **self.score.to_json(),
             "upstream": [found.to_json() for found in self.upstream],
+            **({} if self.eyesight is None else {"eyesight": self.eyesight.to_json()}),
         }
 
 
@@ -181,6 +186,8 @@ def evaluate_model(
         score = score_answers(benchmark, items, texts, settings.convention, extractions=told)
         scorers = UPSTREAM.get(benchmark.name, ()) if settings.official else ()
         upstream = tuple(upstream_scores(scorers, items, texts, score, settings.coordinates))
+        column = "parsed" if extracted is None else "extracted"
+        sight = eyesight(readings_of(items, score, settings.eyes, column), f"{head['benchmark']}:{head['model']}")
         run = StaticRun(
             out,
             head,
@@ -192,8 +199,9 @@ def evaluate_model(
             extractor_requests=None if extracted is None else totals_of(extracted.answers.values()),
             completeness=completeness_of(benchmark, items),
             prices=settings.prices,
+            eyesight=sight,
         )
-        _write(run, items)
+        _write(run, items, settings)
         return run
 
 
@@ -308,11 +316,13 @@ def _extracted(
         )
 
 
-def _write(run: StaticRun, items: ItemSet) -> None:
+def _write(run: StaticRun, items: ItemSet, settings: RunSettings) -> None:
     lines = []
     for item, score in zip(items.items, run.score.items, strict=True):
         line = {f.name: getattr(score, f.name) for f in fields(score)}
         line |= {"score": _shown(score.score), "groups": dict(item.groups), "cluster": item.cluster}
+        line |= {"size_px": item.size_px(settings.eyes), "chance": item.chance}
+        line |= {"prompt": settings.prompt.text(item, settings.convention), "target": item.gold.written}
         lines.append(json_line(dump_json(line)))
     write_durably(run.path / ITEMS_NAME, sealed_lines(b"".join(lines)))
     form = sealed_form(json.loads(dump_json(run.to_json())))

@@ -8,16 +8,18 @@ The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from betterbench.errors import InvalidInputError, RunConflictError
-from betterbench.statistics import Difference, holm
+from betterbench.statistics import Difference, Reading, holm
+from betterbench.vlm.eyesight import EyesightComparison, compare_eyes, reading, with_common_kinds
 from betterbench.vlm.pairs import paired_difference, paired_p
-from betterbench.vlm.stored import StoredRun, read_static_run
+from betterbench.vlm.stored import StoredItem, StoredRun, read_static_run
 
 FACTORS = {
     "model": "model",
@@ -40,11 +42,13 @@ class Cell:
         value: Headline number of the benchmark, as a fraction.
         n: Number of items in the headline number.
         run: Folder of the run.
+        parts: Mean of each group that the paper's table has as a column, by name.
     """
 
     value: float
     n: int
     run: str
+    parts: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +109,41 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class GroupStep:
+    """Difference between a row and the row above it on one group of questions, such as a relation.
+
+    Attributes:
+        upper: Name of the upper row.
+        lower: Name of the lower row.
+        benchmark: Title of the benchmark.
+        kind: Kind of group ("relation").
+        name: Name of the group ("left").
+        n: Number of items in the group.
+        difference: Upper minus lower mean score, paired, as a fraction.
+        p: p-value of the paired test.
+        adjusted: The p-value after Holm's correction over all groups of this kind in the table.
+        is_supported: Whether the adjusted p-value is below ``alpha``.
+        explained_by: Smaller groups with supported steps, without whose items this group's step is not significant.
+    """
+
+    upper: str
+    lower: str
+    benchmark: str
+    kind: str
+    name: str
+    n: int
+    difference: Difference
+    p: float
+    adjusted: float
+    is_supported: bool
+    explained_by: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
 class StepTable:
     """Rows, and the steps between neighboring rows.
 
@@ -112,6 +151,8 @@ class StepTable:
         column: Column of the scores: "strict", "parsed" or "extracted".
         alpha: Level of the tests.
         warnings: Differences between runs that limit the comparison.
+        groups: Steps of each group of questions.
+        eyesight: Comparisons of the eyes of one model, for benchmarks with known sizes of objects.
     """
 
     column: str
@@ -120,10 +161,21 @@ class StepTable:
     rows: tuple[Row, ...]
     steps: tuple[Step, ...]
     warnings: tuple[str, ...] = ()
+    groups: tuple[GroupStep, ...] = ()
+    eyesight: tuple[EyesightComparison, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict; all rates are fractions."""
-        return {**asdict(self), "steps": [step.to_json() for step in self.steps]}
+        return {
+            "column": self.column,
+            "alpha": self.alpha,
+            "benchmarks": self.benchmarks,
+            "rows": [asdict(row) for row in self.rows],
+            "steps": [step.to_json() for step in self.steps],
+            "warnings": self.warnings,
+            "groups": [group.to_json() for group in self.groups],
+            "eyesight": [found.to_json() for found in self.eyesight],
+        }
 
 
 def step_table(
@@ -158,7 +210,9 @@ def step_table(
         _require_same_data([row[benchmark] for row in rows.values() if benchmark in row])
     shown = tuple(Row(name, {b: _cell(run, column) for b, run in row.items()}) for name, row in rows.items())
     steps = _steps(rows, benchmarks, column, alpha)
-    return StepTable(column, alpha, benchmarks, shown, steps, _warnings(rows, column))
+    groups = _group_steps(rows, benchmarks, column, alpha)
+    seen = tuple(_eyesight(rows, benchmarks, column))
+    return StepTable(column, alpha, benchmarks, shown, steps, _warnings(rows, column), groups, seen)
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
@@ -174,14 +228,18 @@ def _names(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def _name(run: StoredRun) -> str:
-    eyes, tiles = run.head.get("eyes", "native"), run.head.get("max_tiles")
-    name = str(run.head["model"])
-    name += "" if eyes == "native" else f", {eyes}"
-    return name if tiles is None else f"{name}, {tiles} tiles"
+    eyes = _eyes(run)
+    return str(run.head["model"]) + ("" if eyes == "native" else f", {eyes.removeprefix('native, ')}")
 
 
 def _cell(run: StoredRun, column: str) -> Cell:
-    return Cell(run.headline[column], len(run.counted()), str(run.path))
+    kind = run.benchmark.columns
+    scores: dict[str, list[Fraction]] = defaultdict(list)
+    for item in run.items.values():
+        if kind in item.groups:
+            scores[item.groups[kind]].append(item.score_in(column))
+    parts = {name: float(sum(of, Fraction(0)) / len(of)) for name, of in sorted(scores.items())}
+    return Cell(run.headline[column], len(run.counted()), str(run.path), parts)
 
 
 def _require_same_data(runs: Sequence[StoredRun]) -> None:
@@ -219,6 +277,93 @@ def _step(upper: str, lower: str, above: StoredRun, below: StoredRun, column: st
     p, test = paired_p(pairs, clusters, purpose)
     changed = tuple(word for key, word in FACTORS.items() if above.head.get(key) != below.head.get(key))
     return Step(upper, lower, above.benchmark.title, difference, p, p, test, changed, is_supported=False)
+
+
+def _group_steps(
+    rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str, alpha: float
+) -> tuple[GroupStep, ...]:
+    """Return the steps of all groups of questions, corrected over all groups of a kind."""
+    found: dict[str, list[GroupStep]] = defaultdict(list)
+    for (upper, above), (lower, below) in pairwise(rows.items()):
+        for benchmark in benchmarks:
+            if benchmark in above and benchmark in below:
+                for step in _steps_of_groups(upper, lower, above[benchmark], below[benchmark], column):
+                    found[step.kind].append(step)
+    corrected = []
+    for steps in found.values():
+        for step, adjusted in zip(steps, holm([s.p for s in steps]), strict=True):
+            corrected.append(replace(step, adjusted=adjusted, is_supported=adjusted < alpha))
+    return tuple(_explained(step, corrected, rows, column, alpha) for step in corrected)
+
+
+def _explained(
+    step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
+) -> GroupStep:
+    """Return a step with the smaller groups that explain it, such as the relation that explains the loss of a type."""
+    same = (step.upper, step.lower, step.benchmark)
+    smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
+    if not step.is_supported or not smaller:
+        return step
+    run = next(run for run in rows[step.upper].values() if run.benchmark.title == step.benchmark)
+    below = rows[step.lower][run.benchmark.name].items
+    members = [item for item in run.items.values() if item.groups.get(step.kind) == step.name]
+    sharing = [s for s in smaller if any(item.groups.get(s.kind) == s.name for item in members)]
+    rest = [item for item in members if all(item.groups.get(s.kind) != s.name for s in sharing)]
+    pairs = [(item.score_in(column), below[item.id].score_in(column)) for item in rest]
+    purpose = f"{run.benchmark.name}:{step.upper}:{step.lower}:{step.kind}:{step.name}:rest"
+    if not sharing or paired_p(pairs, [item.cluster for item in rest], purpose)[0] < alpha:
+        return step
+    return replace(step, explained_by=tuple(f"{s.kind}: {s.name}" for s in sharing))
+
+
+def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun, column: str) -> Iterator[GroupStep]:
+    """Yield the uncorrected step of each group of questions, for kinds with several groups."""
+    title, second = above.benchmark.title, below.items
+    for kind in above.benchmark.groups:
+        groups: dict[str, list[StoredItem]] = defaultdict(list)
+        for item in above.items.values():
+            if kind in item.groups:
+                groups[item.groups[kind]].append(item)
+        for name, items in groups.items() if len(groups) > 1 else ():
+            pairs = [(item.score_in(column), second[item.id].score_in(column)) for item in items]
+            clusters = [item.cluster for item in items]
+            purpose = f"{above.benchmark.name}:{upper}:{lower}:{kind}:{name}"
+            p, _ = paired_p(pairs, clusters, purpose)
+            difference = paired_difference(pairs, clusters, purpose)
+            yield GroupStep(upper, lower, title, kind, name, len(items), difference, p, p, is_supported=False)
+
+
+def _eyesight(
+    rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str
+) -> Iterator[EyesightComparison]:
+    """Yield the comparison of runs that differ only in their eyes and tiles."""
+    same = [key for key in FACTORS if key not in ("eyes", "max_tiles")]
+    for benchmark in benchmarks:
+        models: dict[tuple[Any, ...], dict[str, StoredRun]] = defaultdict(dict)
+        for row in rows.values():
+            if benchmark in row:
+                run = row[benchmark]
+                models[tuple(run.head.get(key) for key in same)].setdefault(_eyes(run), run)
+        for runs in models.values():
+            if len(runs) > 1:
+                first = next(iter(runs.values()))
+                readings = [(eyes, _readings(run, eyes, column)) for eyes, run in runs.items()]
+                found = compare_eyes(str(first.head["model"]), first.benchmark.title, readings)
+                if found is not None:
+                    yield found
+
+
+def _eyes(run: StoredRun) -> str:
+    """Return the eyes of a run, with the number of tiles if it was given."""
+    tiles = run.head.get("max_tiles")
+    return str(run.head.get("eyes", "native")) + ("" if tiles is None else f", {tiles} tiles")
+
+
+def _readings(run: StoredRun, eyes: str, column: str) -> list[Reading]:
+    """Return the items of a run with known sizes."""
+    return with_common_kinds(
+        [reading(i.size_px, float(i.score_in(column)), i, eyes) for i in run.items.values() if i.size_px is not None]
+    )
 
 
 def _warnings(rows: dict[str, dict[str, StoredRun]], column: str) -> tuple[str, ...]:

@@ -31,6 +31,11 @@ class StoredItem:
         stage: Stage that produced the value.
         groups: Name of the item's group by kind of group.
         cluster: Items with the same cluster share a scene, image or video.
+        size_px: Size of the question's smallest object at the resolution of the run's eyes [pixel]; None if unknown.
+        chance: Probability of guessing the answer; None if unknown.
+        value: The value; None if the answer has none.
+        prompt: The prompt; None in runs of earlier versions.
+        target: The correct answer; None in runs of earlier versions.
     """
 
     id: str
@@ -38,6 +43,11 @@ class StoredItem:
     stage: Stage
     groups: dict[str, str]
     cluster: str
+    size_px: float | None = None
+    chance: float | None = None
+    value: str | None = None
+    prompt: str | None = None
+    target: str | None = None
 
     def score_in(self, column: str) -> Fraction:
         """Return the score in a column of :data:`~betterbench.vlm.scoring.COLUMNS`."""

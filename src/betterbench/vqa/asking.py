@@ -375,6 +375,21 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
     return found
 
 
+def read_stored_answers(file: Path) -> Answers:
+    """Read the answers of a run without its questions.
+
+    Raises:
+        RecordError: If the file cannot be read, or was changed.
+    """
+    raw = read_bounded(file, max_bytes=MAX_BYTES, cure=_CURE, raises=RecordError)
+    lines = [line for line in raw.split(b"\n") if line.strip()]
+    if not lines:
+        raise RecordError(f"{file}: is empty. {_CURE}.")
+    found = _parsed(lines, file)
+    _require_unchanged(found, file)
+    return found
+
+
 def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
     where = f"{file}, line"
     head = read_form(_HEAD, lines[0], where=f"{where} 1", cure=_CURE, raises=RecordError)

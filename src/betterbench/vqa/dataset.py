@@ -69,11 +69,11 @@ from betterbench.vqa.question import (
 )
 from betterbench.vqa.types import candidates_of
 
-SET_SCHEMA_VERSION = 3
+SET_SCHEMA_VERSION = 4
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read;
-version 1 sets have no checksums and are read with a warning.
+Version 4 has the boxes of all objects of a question; version 3 has new phrasings and balances the kinds of question
+within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
@@ -437,7 +437,7 @@ def finished(
         id=identifier, type=c.type, form=c.form, family=c.family, text=text[:1].upper() + text[1:], options=options,
         answer=c.answer, image=image_path(c.source), width=size, height=size, difficulty=difficulty_of(tags), tags=tags,
         objects=c.objects, group=c.key, words=c.words, chance=chance, source=c.source, box=c.box, runs=c.runs,
-        role=role,
+        role=role, boxes=c.boxes,
     )  # fmt: skip
 
 

@@ -88,6 +88,7 @@ class Candidate:
         box: The true box, for a grounded question.
         runs: The visible pixels of the object, for a question about a point; see
         :class:`~betterbench.interface.state.SeenObject`.
+        boxes: Box of the visible part of each of ``objects``; None for an object that is not visible.
     """
 
     type: QuestionType
@@ -102,6 +103,7 @@ class Candidate:
     tags: tuple[str, ...] = ()
     box: Box | None = None
     runs: tuple[int, ...] | None = None
+    boxes: tuple[Box | None, ...] = ()
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -154,6 +156,8 @@ class Question:
         chance: Rate of correct answers when guessing from the text; None for boxes and points, whose reference is the
             set's constant answer.
         role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
+        boxes: Box of the visible part of each of ``objects``; None for an object that is not visible. Empty in sets of
+            version 3 and older.
     """
 
     id: str
@@ -176,6 +180,13 @@ class Question:
     box: Box | None = None
     runs: tuple[int, ...] | None = None
     role: str | None = None
+    boxes: tuple[Box | None, ...] = ()
+
+    @property
+    def smallest(self) -> tuple[int, int] | None:
+        """Width and height of the smallest visible object of the question, by area [pixel]; None if there is none."""
+        sides = [(box[2] - box[0], box[3] - box[1]) for box in self.boxes or (self.box,) if box is not None]
+        return min(sides, key=lambda side: side[0] * side[1], default=None)
 
     @property
     def prompt(self) -> str:

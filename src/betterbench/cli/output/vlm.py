@@ -11,12 +11,14 @@ from betterbench.cli.console import OUT, print_item, print_table
 from betterbench.cli.output.vqa import difference_in_points
 from betterbench.statistics import round_half_up
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
+from betterbench.vlm.eyesight import eyesight_sentence
 from betterbench.vlm.items import AXIS
 from betterbench.vlm.running import StaticRun
 from betterbench.vlm.scoring import COLUMNS, Part
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import Metric, RunDiagnosis
+    from betterbench.vlm.eyesight import EyesightComparison
     from betterbench.vlm.fetching import FetchedFile
     from betterbench.vlm.prediction import PredictionTable
     from betterbench.vlm.probe import Finding
@@ -59,6 +61,8 @@ def print_steps(table: StepTable) -> None:
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
     ]  # fmt: skip
     print_table(["", *(f"{title} %" for title in heads.values())], rows, title=f"Scores, {table.column}")
+    for name, title in heads.items():
+        _print_parts(table, name, title)
     for step in table.steps:
         print_item(step.sentence)
     if table.steps:
@@ -68,6 +72,59 @@ def print_steps(table: StepTable) -> None:
         )
     for line in table.warnings:
         print_item(line)
+    _print_groups(table)
+    for compared in table.eyesight:
+        _print_eyesight(compared)
+
+
+def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
+    """Print the columns that the paper's Table 3 has for one benchmark, such as the domains of EgoPlan-Bench2."""
+    cells = {row.name: row.cells[benchmark] for row in table.rows if benchmark in row.cells}
+    names = list(dict.fromkeys(part for cell in cells.values() for part in cell.parts))
+    if names:
+        rows = [[name, *(_percent(cell.parts.get(p)) for p in names), _cell(cell)] for name, cell in cells.items()]
+        print_table(["", *(f"{name} %" for name in names), "all %"], rows, title=title)
+
+
+def _print_groups(table: StepTable) -> None:
+    """Print the groups of questions that a step gained or lost."""
+    if not table.groups:
+        return
+    moved = [group for group in table.groups if group.is_supported and not group.explained_by]
+    rows = [
+        [
+            f"{group.lower} − {group.upper}",
+            f"{group.kind}: {group.name}",
+            str(group.n),
+            f"{-100 * (group.difference.value or 0.0):+.1f}",
+            f"{-group.difference.high_pp:+.1f} to {-group.difference.low_pp:+.1f}",
+        ]
+        for group in moved
+    ]
+    if moved:
+        print_table(["step", "group", "n", "points", "95 % interval"], rows, title="Groups that a step changed")
+    kinds = ", ".join(dict.fromkeys(group.kind for group in table.groups))
+    number = f"{len(moved)} of {len(table.groups)}" if moved else f"none of {len(table.groups)}"
+    print_item(
+        f"Groups of questions ({kinds}) with a supported change: {number}, by paired tests with Holm's correction over "
+        f"all groups of a kind. A group is left out if smaller groups explain its change."
+    )
+
+
+def _print_eyesight(compared: EyesightComparison) -> None:
+    """Print the sizes that a model reads with several eyes, and whether one size explains all scores."""
+    rows = []
+    for eyes, alone in compared.alone.items():
+        loss = compared.one.further.get(eyes)
+        size = "–" if alone.value is None else f"{alone.value:.1f} ({alone.low:.1f} to {alone.high:.1f})"
+        more = "–" if loss is None else f"{-100 * loss.value:+.1f} ({-100 * loss.high:+.1f} to {-100 * loss.low:+.1f})"
+        rows.append([eyes, str(alone.n), f"{100 * compared.scores[eyes]:.1f}", size, more])
+    heads = ["eyes", "n", "score %", "reads from px", "beyond the sizes"]
+    print_table(heads, rows, title=f"Eyesight of {compared.name}, {compared.benchmark}")
+    for eyes, alone in compared.alone.items():
+        if alone.value is None:
+            print_item(f"{eyes}: the size cannot be concluded, because {alone.reason}.")
+    print_item(compared.sentence)
 
 
 def print_prediction(table: PredictionTable) -> None:
@@ -93,7 +150,11 @@ def print_prediction(table: PredictionTable) -> None:
 
 
 def _cell(cell: Cell | None) -> str:
-    return "–" if cell is None else f"{percent_of(Fraction(cell.value).limit_denominator(10**9))}"
+    return _percent(None if cell is None else cell.value)
+
+
+def _percent(value: float | None) -> str:
+    return percent_of(None if value is None else Fraction(value).limit_denominator(10**9))
 
 
 def print_probe(finding: Finding) -> None:
@@ -124,6 +185,8 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
     lines.append(f"Macro means: {', '.join(macro)}.")
     if run.completeness.sentence:
         lines.append(run.completeness.sentence)
+    if run.eyesight is not None:
+        lines.append(eyesight_sentence(run.eyesight))
     everything = score.all
     if everything.answered < everything.n:
         rest = (

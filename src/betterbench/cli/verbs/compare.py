@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.installation import calibration_module
 
 if TYPE_CHECKING:
     from betterbench.records import RunFolder
@@ -25,6 +26,7 @@ def compare_command(
     allow_mixed: bool = False,
     fail_if_worse: bool = False,
     column: str | None = None,
+    paper: bool = False,
     out: Path | None = None,
     overwrite: bool = False,
     json: bool = False,
@@ -50,6 +52,8 @@ def compare_command(
             for continuous integration.
         column: For runs of better vlm: scores of strictly read answers (strict), of all that the parser read (parsed,
             the default), or with an extractor (extracted).
+        paper: For runs of better vlm: add the findings of better audit-paper about the paper's table of static
+            benchmarks (part of betterbench-calibration).
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
         overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
@@ -68,8 +72,10 @@ def compare_command(
         given = {"--sequential": sequential, "--allow-mixed": allow_mixed, "--fail-if-worse": fail_if_worse}
         for option in (*(name for name, is_given in given.items() if is_given), *(["--out"] if out else [])):
             raise InvalidInputError(option, "it does not apply to runs of better vlm", f"Leave out {option}")
-        _static(runs, static, name, alpha=alpha, column=column or "parsed", json=json)
+        _static(runs, static, name, alpha=alpha, column=column or "parsed", paper=paper, json=json)
         return
+    if paper:
+        raise InvalidInputError("--paper", "it applies only to runs of better vlm", "Leave it out")
     if column is not None:
         raise InvalidInputError("--column", "it applies only to runs of better vlm", "Leave it out")
     folders = [RunFolder.open(path) for path in runs if path.is_dir()]
@@ -97,7 +103,14 @@ def compare_command(
 
 
 def _static(
-    runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str, json: bool
+    runs: Sequence[Path],
+    static: Sequence[Path],
+    name: Sequence[str],
+    *,
+    alpha: float,
+    column: str,
+    paper: bool,
+    json: bool,
 ) -> None:
     """Compare runs of better vlm step by step, or with the illusion gaps of runs of better eval."""
     from betterbench.cli.output.vlm import print_prediction, print_steps
@@ -113,11 +126,26 @@ def _static(
         else:
             print_prediction(found)
         return
+    audited = _audited() if paper else None
     table = step_table(runs, names=name, column=column, alpha=alpha)
     if json:
-        print_json(table.to_json())
+        print_json({**table.to_json(), **({} if audited is None else {"paper": audited.to_json()})})
         return
     print_steps(table)
+    if audited is not None:
+        calibration_module("cli.audit_output", _NO_AUDIT).print_audit(audited)
+
+
+STATIC_TABLE = "static_bottleneck"
+"""Name of the paper's table of static benchmarks in the audit."""
+_NO_AUDIT = "The audit of the paper's table is part of betterbench-calibration, which is not installed"
+
+
+def _audited() -> Any:  # noqa: ANN401 - an Audit of betterbench-calibration, which this package does not import
+    """Return the audit of the paper's table of static benchmarks."""
+    audit = calibration_module("audit", _NO_AUDIT)
+    found = audit.audit_source(audit.paper_tables())
+    return audit.Audit(found.source, tuple(table for table in found.tables if table.table.name == STATIC_TABLE))
 
 
 def _prediction(

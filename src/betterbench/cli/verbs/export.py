@@ -19,7 +19,9 @@ from betterbench.quoting import default_name
 def export_command(
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
-    to: Literal["submission", "tensorboard", "wandb", "lerobot", "lerobot-v2.1", "robomimic"] = "submission",
+    to: Literal[
+        "submission", "tensorboard", "wandb", "lerobot", "lerobot-v2.1", "robomimic", "lmms-eval"
+    ] = "submission",
     out: Path | None = None,
     name: str | None = None,
     project: str = "betterbench",
@@ -50,9 +52,9 @@ def export_command(
         runs: Run folder; several folders for a data set.
         to: submission; tensorboard or wandb (extras with the same names; wandb's settings, such as WANDB_MODE=offline,
             decide what it sends); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for GR00T and
-            Being-H) or robomimic (HDF5, extra robomimic).
+            Being-H) or robomimic (HDF5, extra robomimic); for a run of better vlm, lmms-eval (its log of samples).
         out: Submission file, default NAME.json; tracker folder, default RUN/TRACKER; data set folder, or the data set
-            file for robomimic.
+            file for robomimic; folder of the logs of samples, default RUN/lmms_eval.
         name: Policy name; the name that the policy declared if not given.
         project: Project of the tracker wandb.
         check: Submission or data set to compare with the runs' records; nothing is written.
@@ -97,7 +99,24 @@ def export_command(
         "--vqa": vqa,
     }  # fmt: skip
     _refuse(given, to)
+    if to == "lmms-eval":
+        further = {"--name": name, "--check": check, "--project": project != "betterbench"}
+        _export_samples(runs, out, {k: v for k, v in further.items() if v}, overwrite=overwrite, as_json=json)
+        return
     _export_outcomes(runs, to, out, name=name, project=project, check=check, overwrite=overwrite, as_json=json)
+
+
+def _export_samples(
+    runs: tuple[Path, ...], out: Path | None, refused: Mapping[str, object], *, overwrite: bool, as_json: bool
+) -> None:
+    """Write the logs of samples of runs of better vlm."""
+    from betterbench.vlm.samples import write_samples
+
+    for option in refused:
+        raise InvalidInputError(option, "it does not apply to lmms-eval", f"Leave out {option}")
+    files = [write_samples(run, out or run / "lmms_eval", overwrite=overwrite) for run in runs]
+    document = {"files": [str(file) for file, _ in files], "samples": [count for _, count in files]}
+    _tell(document, "\n".join(f"{count} samples\nwritten to  {file}" for file, count in files), as_json=as_json)
 
 
 def _refuse(given: Mapping[str, object], to: str) -> None:

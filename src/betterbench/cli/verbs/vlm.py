@@ -27,6 +27,9 @@ PROBE = "probe"
 """First word of a command that finds out the convention of a model's coordinates."""
 LEARNER = "learned"
 """Scheme of the address of a co-trained learner."""
+SIDE_PX = 896
+"""Side of the images of a set that is made [pixel]: two by two tiles of InternVL. All eyes but native show less of it;
+images of 256 pixels would be nearly the same with all eyes."""
 IN_PROCESS = "hf"
 """Scheme of the address of a checkpoint in this process, before a colon."""
 
@@ -299,10 +302,11 @@ def _made(questions: int, workers: int) -> Path:
     from betterbench.cli.verbs.vqa import balanced_set
     from betterbench.evaluation import make_plan
     from betterbench.version import __version__
-    from betterbench.vqa.dataset import SetOptions
+    from betterbench.vqa.dataset import SET_SCHEMA_VERSION, SetOptions
 
-    options = SetOptions(questions=questions, frames=2, cameras=("front", "left_shoulder"))
-    place = platformdirs.user_cache_path("betterbench") / "vlm" / f"{__version__}-{questions}"
+    options = SetOptions(questions=questions, frames=2, cameras=("front", "left_shoulder"), size=SIDE_PX)
+    name = f"{__version__}-{SET_SCHEMA_VERSION}-{SIDE_PX}-{questions}"
+    place = platformdirs.user_cache_path("betterbench") / "vlm" / name
     folder = place / "set"
     say(f"set: {folder}, made from one trial of the expert on each condition of the suite")
     if not (folder / "summary.json").exists():

@@ -82,6 +82,7 @@ class Benchmark:
         coordinates: Default convention of our own prompt; None for a benchmark without points and boxes.
         published: Number of items of the published data; None for data without a fixed number.
         published_groups: A kind of group, and the number of published items by name of the group.
+        columns: Kind of group that the paper's Table 3 has as columns; empty for a benchmark with one number.
     """
 
     name: str
@@ -93,6 +94,7 @@ class Benchmark:
     coordinates: Coordinates | None = None
     published: int | None = None
     published_groups: tuple[str, Mapping[str, int]] = ("", MappingProxyType({}))
+    columns: str = ""
 
     def load(self, folder: Path) -> ItemSet:
         """Read the data in a folder.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataSource, Headline, missing
-from betterbench.vlm.items import AXIS, TRAINING, Gold, Item, ItemSet
+from betterbench.vlm.items import AXIS, TRAINING, Detail, Gold, Item, ItemSet
 from betterbench.vqa.dataset import SET_NAME, QuestionSet, read_set
 from betterbench.vqa.question import Form, Question, letter
 from betterbench.vqa.twins import axis_of, static_twins
@@ -52,7 +52,14 @@ def _item(question: Question) -> Item:
         },
         width=question.width if has_place else 0,
         height=question.height if has_place else 0,
+        detail=_detail(question),
+        chance=question.chance,
     )
+
+
+def _detail(question: Question) -> Detail | None:
+    smallest = question.smallest
+    return None if smallest is None else Detail(*smallest, (question.width, question.height))
 
 
 def _text(question: Question) -> str:

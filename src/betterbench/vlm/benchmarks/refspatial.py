@@ -98,5 +98,6 @@ REFSPATIAL = Benchmark(
     coordinates="fractions",
     published=277,
     published_groups=("split", {"location": 100, "placement": 100, "unseen": 77}),
+    columns="split",
 )
 """277 pointing tasks in three splits."""

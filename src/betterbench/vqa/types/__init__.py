@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from betterbench.interface.state import Box
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.question import Candidate, QuestionDraft, QuestionType
 from betterbench.vqa.types.containment import containment
@@ -38,8 +39,15 @@ def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(Questi
                 type=kind, form=draft.form, family=draft.family, group=draft.group,
                 bucket=draft.answer if draft.bucket is None else draft.bucket, answer=draft.answer, words=draft.words,
                 objects=draft.objects, source=moment.source, tags=(*draft.tags, *_tags(moment, draft)), box=draft.box,
-                runs=draft.runs,
+                runs=draft.runs, boxes=tuple(_boxes(moment, draft)),
             )  # fmt: skip
+
+
+def _boxes(moment: Moment, draft: QuestionDraft) -> Iterator[Box | None]:
+    """Yield the box of the visible part of each object of a question."""
+    for name in draft.objects:
+        seen = moment.seen(name)
+        yield None if seen is None else seen.box
 
 
 def _tags(moment: Moment, draft: QuestionDraft) -> Iterator[str]:

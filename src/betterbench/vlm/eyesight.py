@@ -1,0 +1,172 @@
+"""Size of objects that a model needs to answer questions about them, estimated from its answers.
+
+The items of our own sets know the size of their objects in the image. From one run, a psychometric function gives the
+size at which half of the questions are read (:mod:`betterbench.statistics.threshold`). From runs of the same model with
+several eyes, it tells whether one size explains all scores: then the loss is only eyesight. All sizes are at the
+effective resolution of the eyes (:func:`~betterbench.vlm.models.eyes.size_in_detail`), as geometric means of width and
+height in pixels.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from betterbench.statistics import Reading, Threshold, fit_threshold
+from betterbench.tasks.randomness import stream
+from betterbench.vlm.items import ItemSet
+from betterbench.vlm.models.eyes import Eyes
+from betterbench.vlm.scoring import StaticScore
+
+LEAST_OF_FAMILY = 20
+"""Families with fewer questions share the knowledge of their type."""
+LEAST_PX = 0.5
+"""Smallest size; parts of pixels cannot be read [pixel]."""
+
+
+def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
+    """Return the scored items with known sizes."""
+    found = []
+    for item, scored in zip(items.items, score.items, strict=True):
+        size = item.size_px(eyes)
+        if size is not None:
+            found.append(reading(size, float(scored.score_in(column)), item, eyes))
+    return with_common_kinds(found)
+
+
+class Grouped(Protocol):
+    """Item of a benchmark, as read from its data or from a run."""
+
+    @property
+    def groups(self) -> Mapping[str, str]:
+        """Name of the item's group by kind of group."""
+
+    @property
+    def cluster(self) -> str:
+        """Cluster of dependent items."""
+
+    @property
+    def chance(self) -> float | None:
+        """Probability of guessing the answer."""
+
+
+def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
+    """Return an item with a known size [pixel]; its kind is its type and family."""
+    kind = f"{item.groups.get('type', '')}\n{item.groups.get('family', '')}"
+    return Reading(max(size, LEAST_PX), score, item.chance or 0.0, kind, item.cluster, str(eyes))
+
+
+def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
+    """Return readings whose kind is the family, or the type of a rare family."""
+    counts = Counter(r.kind for r in readings)
+    kinds = {kind: kind.split("\n")[counts[kind] >= LEAST_OF_FAMILY] for kind in counts}
+    return [replace(r, kind=kinds[r.kind]) for r in readings]
+
+
+def eyesight(readings: Sequence[Reading], purpose: str) -> Threshold | None:
+    """Return the size at which a model reads, or None if no sizes are known.
+
+    Args:
+        readings: Items of one run, or of runs with several eyes.
+        purpose: Name of the random stream of the bootstrap.
+    """
+    if not readings:
+        return None
+    return fit_threshold(readings, generator=_draws(purpose))
+
+
+def eyesight_sentence(found: Threshold) -> str:
+    """Return the threshold in words."""
+    if found.value is None:
+        return f"Eyesight: cannot be concluded from {found.n} questions, because {found.reason}."
+    return (
+        f"Eyesight: reads objects from {found.value:.1f} pixels (95 % interval {found.low:.1f} to {found.high:.1f}; "
+        f"{found.n} questions about objects of {found.smallest:.0f} to {found.largest:.0f} pixels)."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class EyesightComparison:
+    """Eyesight of one model over runs with several eyes, on one benchmark.
+
+    Attributes:
+        name: Name of the model, with all settings that the runs share.
+        benchmark: Title of the benchmark.
+        scores: Mean score of the items with known sizes, by eyes.
+        alone: Threshold of each run alone, by eyes.
+        one: One threshold for all runs, with the further losses of all but the first.
+    """
+
+    name: str
+    benchmark: str
+    scores: dict[str, float]
+    alone: dict[str, Threshold]
+    one: Threshold
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Eyes with a supported further loss or gain."""
+        return tuple(eyes for eyes, loss in self.one.further.items() if loss.is_supported)
+
+    @property
+    def sentence(self) -> str:
+        """The comparison in words."""
+        where = f"{self.name}, {self.benchmark}"
+        if self.one.value is None:
+            unknown = "whether one size explains the scores with all eyes cannot be concluded"
+            return f"{where}: {unknown}, because {self.one.reason}."
+        size = f"{self.one.value:.1f} pixels ({self.one.low:.1f} to {self.one.high:.1f})"
+        if not self.further:
+            return f"{where}: one size, {size}, explains the differences between the eyes."
+        losses = []
+        for eyes in self.further:
+            loss = self.one.further[eyes]
+            word = "loses" if loss.value > 0 else "gains"
+            losses.append(
+                f"{eyes} {word} {abs(100 * loss.value):.1f} points more than the sizes explain "
+                f"({100 * loss.low:+.1f} to {100 * loss.high:+.1f})"
+            )
+        return (
+            f"{self.name}, {self.benchmark}: one size does not explain the scores with all eyes: {'; '.join(losses)}."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict; all rates are fractions."""
+        return {
+            "name": self.name,
+            "benchmark": self.benchmark,
+            "scores": self.scores,
+            "alone": {eyes: found.to_json() for eyes, found in self.alone.items()},
+            "one": self.one.to_json(),
+            "sentence": self.sentence,
+        }
+
+
+def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[Reading]]]) -> EyesightComparison | None:
+    """Compare runs of one model with several eyes on the same items, or return None if no sizes are known.
+
+    Args:
+        name: Name of the model.
+        benchmark: Title of the benchmark.
+        runs: Eyes and readings of each run; the first is the reference.
+    """
+    everything = [r for _, readings in runs for r in readings]
+    if not everything:
+        return None
+    purpose = f"{benchmark}:{name}"
+    alone = {eyes: fit_threshold(of, generator=_draws(f"{purpose}:{eyes}")) for eyes, of in runs}
+    return EyesightComparison(
+        name,
+        benchmark,
+        {eyes: sum(r.score for r in of) / len(of) for eyes, of in runs},
+        alone,
+        fit_threshold(everything, generator=_draws(f"{purpose}:one")),
+    )
+
+
+def _draws(purpose: str) -> np.random.Generator:
+    return stream("static eyesight", 0, purpose)
