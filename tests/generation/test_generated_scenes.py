@@ -35,7 +35,7 @@ def scene(task, condition, seed=0):
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_trial_and_its_twin_differ_in_what_the_variation_names_alone(name):
-    task = registered(CASTS[name])
+    task = registered(name)
     variation = task.variation("L1")
     condition, changes = vary(task, variation)
     a, b = (scene(task, c).reset(check_premise=False) for c in (condition, task.train(variation.base)))
@@ -48,7 +48,7 @@ def test_a_trial_and_its_twin_differ_in_what_the_variation_names_alone(name):
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_start_is_in_view_and_touches_nothing(name):
-    task = registered(CASTS[name])
+    task = registered(name)
     start = scene(task, task.training[0], seed=1)
     state = start.reset(check_premise=False)
     names = [o.name for o in state.info.objects if not o.fixed and o.role != "drawer"]
@@ -67,7 +67,7 @@ def test_a_start_is_in_view_and_touches_nothing(name):
 def test_every_condition_of_a_generated_task_is_certified(name, tmp_path):
     """In a process of its own, because a loaded task stays registered."""
     file = tmp_path / f"{name}.json"
-    file.write_text(json.dumps(task_to_json(registered(CASTS[name], f"made_{name}"))))
+    file.write_text(json.dumps(task_to_json(registered(name, f"made_{name}"))))
     common = ("--task-file", file, "--tasks", f"made_{name}", "--workers", 1, "--out")
     better("certify", *common, tmp_path / "measured", "--demonstrations", 36)
     found = json.loads(better("certify", *common, tmp_path / "certificate", "--trials", 1, "--json"))

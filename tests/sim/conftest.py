@@ -1,8 +1,10 @@
-"""Real meshes for the slow tests of imported assets; they are not part of the repository."""
+"""Real meshes for the slow tests of imported assets, which the repository does not have; imports without a process."""
 
 from __future__ import annotations
 
+import json
 import os
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -36,3 +38,15 @@ def meshes() -> Path:
 def meshes_if_here() -> Path | None:
     """Folder of real meshes, or None."""
     return _found()
+
+
+@pytest.fixture
+def imports_here(monkeypatch):
+    """Import assets in this process and try no grasps: the process of an import takes 1 s of CPU, trials as much."""
+    from betterbench.sim.assets.importing import child
+
+    def imported(path, wishes, where):
+        files, data = child._answers({"path": str(path.absolute()), "wishes": asdict(wishes)}, b"")
+        return child.Made(data, json.loads(files))
+
+    monkeypatch.setattr(child, "_in_child", imported)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from betterbench.sim.assets.authoring import registry
 from betterbench.sim.assets.folders import job
 from betterbench.sim.assets.folders.job import ImportRequest, import_assets
 from betterbench.sim.assets.folders.manifest import manifest_of, read_manifest
-from betterbench.sim.assets.importing import child
 from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.stored import from_bytes
 from betterbench.tasks import user_files
@@ -42,14 +40,7 @@ def clean(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def quick(clean, monkeypatch):
-    """Import in this process and try no grasps: the process of an import takes 1 s of CPU, and its trials as much."""
-
-    def imported(path, wishes, where):
-        files, data = child._answers({"path": str(path.absolute()), "wishes": asdict(wishes)}, b"")
-        return child.Made(data, json.loads(files))
-
-    monkeypatch.setattr(child, "_in_child", imported)
+def quick(clean, imports_here):
     return clean
 
 

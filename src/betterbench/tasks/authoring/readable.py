@@ -85,7 +85,8 @@ def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
         elif isinstance(value, tuple | list):
             inner = [(_At(at, f"[{i}]"), content) for i, content in enumerate(value)]
         elif is_dataclass(value):
-            inner = [(_At(at, f".{name}"), getattr(value, name)) for name in _fields_of(type(value))]
+            kind: type = type(value)
+            inner = [(_At(at, f".{name}"), getattr(value, name)) for name in _fields_of(kind)]
         else:
             continue
         seen[id(value)] = value  # kept, so that no other object gets its id

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import builtins
 import contextlib
+import functools
 import json
 import os
 import resource
@@ -82,6 +83,7 @@ CORNERS = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0.1)]
 TRIANGLE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0.1\nf 1 2 3\n"
 
 
+@functools.cache
 def png(width, height):
     """Return a PNG file of one color, which is small however large the picture is."""
 

@@ -432,7 +432,7 @@ def test_the_same_file_gives_the_same_bytes_and_bytes_give_the_same_object(tmp_p
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_an_import_is_kept_and_made_again_if_the_file_or_a_wish_changes(tmp_path, own_cache):
+def test_an_import_is_kept_and_made_again_if_the_file_or_a_wish_changes(tmp_path, own_cache, imports_here):
     path = saved(trimesh.creation.box((0.05, 0.05, 0.05)), tmp_path / "block.stl")
     wishes = Wishes("block", size_m=0.05)
     child.import_safely(path, wishes)

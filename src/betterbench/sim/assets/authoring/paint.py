@@ -69,7 +69,7 @@ class Canvas:
             window = (_run(mask.max(axis=1)), _run(mask.max(axis=0)))
             self._blend(window, mask[window] * strength, color)
             return
-        window = (_run(mask.any(axis=1)), _run(mask.any(axis=0)))
+        window = (_run(np.any(mask, axis=1)), _run(np.any(mask, axis=0)))
         image, inside = self._image[window], mask[window]
         if strength == 1.0:
             image[inside] = color

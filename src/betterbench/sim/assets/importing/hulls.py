@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -154,6 +155,7 @@ def _thinnest(points: np.ndarray) -> tuple[np.ndarray, float]:
     return normal, float(np.ptp(offsets @ normal))
 
 
+@functools.cache
 def _directions() -> np.ndarray:
     """Return directions spread over the sphere, the axes and the corners of a cube first."""
     cube = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], dtype=float)
