@@ -20,7 +20,7 @@ from betterbench.generation.grammar import nouns_of_library, write_scenarios
 from betterbench.generation.scenario_form import answer_to_json
 from betterbench.tasks.authoring.template_form import template_to_json
 from betterbench.tasks.authoring.templates import LOOSE_PACKING, TEMPLATES
-from betterbench.vqa.llm import ChatEndpoint, ScriptedChat
+from betterbench.vqa.llm import ChatEndpoint, Reply, ScriptedChat
 
 OTHER = item(0, asset_query="green apple", instance_name="green_apple")
 
@@ -38,7 +38,7 @@ class Model:
         answer = self.script.pop(0) if len(self.script) > 1 else self.script[0]
         if isinstance(answer, BaseException):
             raise answer
-        return answer
+        return Reply(answer)
 
 
 def asked(model, folder, count=1, **options):
@@ -406,7 +406,7 @@ def test_a_server_is_asked_with_plain_text_and_its_answers_become_scenarios(serv
     ("reply", "said"),
     [
         (silent, "no answer after 2 tries"),
-        (dripping, r"no answer after 2 tries \(the answer was not complete after 1 s\)"),
+        (dripping, r"no answer after 2 tries \(timeout: the answer was not complete after 1 s\)"),
         (cut_off, "no answer after 2 tries"),
         (saying("x", status=500), "no answer after 2 tries"),
         (saying("x", status=401), "Put the API key into the environment variable"),

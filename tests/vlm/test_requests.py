@@ -283,6 +283,25 @@ def test_a_cache_that_cannot_be_written_is_said_once_and_stops_nothing(server, t
     assert caplog.text.count("replies are not stored for later runs") == 1
 
 
+def test_several_writers_of_one_entry_leave_a_whole_one(tmp_path):
+    caches = [ReplyCache(tmp_path) for _ in range(4)]  # as in processes of their own
+    key, long = "ab" * 32, "x" * 50_000
+    found = []
+
+    def write(cache):
+        for _ in range(20):
+            cache.put(key, Reply(long, 1, 2))
+            found.append(cache.get(key))
+
+    threads = [threading.Thread(target=write, args=(cache,)) for cache in caches]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(found) == {Reply(long, 1, 2, is_cached=True)}
+    assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == [f"{key}.json"]
+
+
 def test_refusals_and_failures_are_not_cached(server, tmp_path):
     one = server((400, "no"), (200, "Yes"))
     chat = endpoint(one.url, cache=ReplyCache(tmp_path))[0]

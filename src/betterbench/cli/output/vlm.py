@@ -307,7 +307,7 @@ def _print_upstream(run: StaticRun) -> None:
     print_table(
         ["upstream scorer", "score", "− ours", "scored", "differs", *(["note"] if with_notes else [])],
         rows,
-        title="Official scoring: upstream programs on the same texts",
+        title="Upstream scorers, same texts",
     )
 
 
