@@ -18,9 +18,9 @@ from betterbench.sim.assets.authoring.registry import unregister
 from betterbench.sim.assets.importing import child, imported
 from betterbench.sim.assets.importing.cavity import cavity_of
 from betterbench.sim.assets.importing.hulls import convex_hulls, filled_share, fit_of
-from betterbench.sim.assets.importing.measures import surface_solid
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import kind_of, kinds
+from betterbench.sim.assets.importing.measures import surface_solid
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of

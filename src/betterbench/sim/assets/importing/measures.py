@@ -140,6 +140,11 @@ def largest_gap(vertices: np.ndarray, faces: np.ndarray, *, spacing: float) -> f
     if parts == 1:
         return 0.0
     of_point = of_vertex[corners[:, 0]][owners]
+    # Parts within the spacing have no gap. To join them first keeps the number of pairs small: a wire basket of 1,200
+    # triangles has hundreds of parts.
+    near = of_point[cKDTree(points).query_pairs(spacing, output_type="ndarray")]
+    graph = sparse.coo_matrix((np.ones(len(near)), near.T), shape=(parts, parts))
+    of_point = connected_components(graph, directed=False)[1][of_point]
     trees = {k: cKDTree(points[of_point == k]) for k in np.unique(of_point)}
     names = list(trees)
     joined, gap = {names[0]}, 0.0
