@@ -20,7 +20,7 @@ from betterbench.sim.assets.importing.cavity import cavity_of
 from betterbench.sim.assets.importing.hulls import convex_hulls, filled_share, fit_of
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import kind_of, kinds
-from betterbench.sim.assets.importing.measures import surface_solid
+from betterbench.sim.assets.importing.measures import largest_gap, surface_solid
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
@@ -304,6 +304,14 @@ def test_a_wire_basket_holds_objects_and_a_box_with_one_hole_does_not():
     assert found.volume_m3 == pytest.approx(x * y * z, rel=0.2)
     floor = [((x / 2 - 0.005, y, wire), (sign * (x / 4 + 0.0025), 0, wire / 2)) for sign in (-1, 1)]
     assert cavity_of(solid_of(*surface(boxes(*walls, *floor)))) is None, "a gap of one centimeter is a leak"
+
+
+@pytest.mark.parametrize(("apart", "gap"), [(0.0005, 0.0), (0.02, 0.0185)])
+def test_the_gap_between_parts_is_measured_to_the_spacing_of_points(apart, gap):
+    spacing = 0.0015
+    sides = (0.03, 0.03, 0.03)
+    row = boxes(*((sides, (k * 0.03, 0.0, 0.0)) for k in range(3)), (sides, (0.09 + apart, 0.0, 0.0)))
+    assert largest_gap(*surface(row), spacing=spacing) == pytest.approx(gap, abs=1e-4)
 
 
 # ------------------------------------------------------------------------------------------------------------ contacts
