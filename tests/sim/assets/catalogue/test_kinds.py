@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
-from betterbench.sim.assets.catalogue.kind_vectors import HEAD_SHARE, KindIndex, write_kinds
+from betterbench.sim.assets.catalogue.kind_vectors import HEAD_SHARE, WORDS_SHARE, KindIndex, write_kinds
 from betterbench.sim.assets.catalogue.kinds import kind_of, listed_kinds
 from betterbench.sim.assets.catalogue.sources import open_source
 from betterbench.sim.assets.catalogue.terms import terms
-from betterbench.sim.assets.catalogue.vectors import quantized
+from betterbench.sim.assets.catalogue.vectors import quantized, text_digest
 
 NEGATIONS = {"not", "no", "never", "without", "unlike"}
 
@@ -78,10 +78,28 @@ def test_likeness_counts_the_two_nearest_texts_and_the_head(tmp_path):
     def near(vector, places):
         return np.mean(sorted(vectors[places] @ vector)[-2:])
 
-    found = index.likeness(asked, head)
+    found = index.likeness(asked, head, [])
     for kind, places in ((2, [0, 1, 2]), (4, [3, 4])):
         expected = (1 - HEAD_SHARE) * near(asked[0], places) + HEAD_SHARE * near(head, places)
         assert found[kind] == pytest.approx(expected, abs=0.01)
     assert found[[0, 1, 3]].tolist() == [-1.0] * 3
-    further = index.likeness(vectors[[0, 4]], head)
+    further = index.likeness(vectors[[0, 4]], head, [])
     assert further[4] > found[4], "of several descriptions, the nearest one counts"
+
+
+def test_words_of_the_query_in_the_texts_of_a_kind_count_by_their_rarity(tmp_path):
+    kinds = listed_kinds()
+    chosen = [next(n for n, kind in enumerate(kinds) if name in kind.names) for name in ("apple", "avocado", "speaker")]
+    texts = [(number, text) for number in chosen for text in kinds[number].texts]
+    same = quantized(np.ones((len(texts), 16), np.float32) / 4.0)
+    digests = np.frombuffer(b"".join(text_digest(text) for _, text in texts), np.uint8).reshape(-1, 16)
+    write_kinds(tmp_path, chosen, [number for number, _ in texts], digests, same)
+    index = KindIndex(tmp_path, count=3, dimension=16)
+    vector = np.ones(16, np.float32) / 4.0
+    plain = index.likeness(vector[None], vector, [])[chosen]
+    apple, avocado, speaker = index.likeness(vector[None], vector, ["green", "fruit", "guacamole"])[chosen] - plain
+    assert avocado == pytest.approx(WORDS_SHARE), "it has every word"
+    assert 0.0 < apple < 0.7 * avocado, "it has the frequent words"
+    assert speaker == 0.0
+    played = index.likeness(vector[None], vector, ["playing", "music"])[chosen] - plain
+    assert played.argmax() == 2, "verb forms are one word"

@@ -20,6 +20,7 @@ from betterbench.sim.assets.importing.cavity import cavity_of
 from betterbench.sim.assets.importing.hulls import convex_hulls, filled_share, fit_of
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.kinds import kind_of, kinds
+from betterbench.sim.assets.importing.measures import largest_gap, surface_solid
 from betterbench.sim.assets.importing.mesh_file import read_mesh_file
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import mass_of_cells, solid_of
@@ -284,6 +285,35 @@ def test_a_cup_holds_what_it_can_and_a_cup_with_a_hole_in_its_floor_holds_nothin
     assert cavity_of(solid_of(*surface(leaky))) is None
 
 
+def boxes(*sides_and_centers):
+    parts = [
+        trimesh.creation.box(sides, trimesh.transformations.translation_matrix(center))
+        for sides, center in sides_and_centers
+    ]
+    return trimesh.util.concatenate(parts)
+
+
+def test_a_wire_basket_holds_objects_and_a_box_with_one_hole_does_not():
+    x, y, z, wire = 0.12, 0.1, 0.05, 0.003
+    walls = [((wire, y, z), (sign * x / 2, 0, z / 2)) for sign in (-1, 1)]
+    walls += [((x, wire, z), (0, sign * y / 2, z / 2)) for sign in (-1, 1)]
+    bars = [((x, wire, wire), (0, at, wire / 2)) for at in np.arange(-y / 2, y / 2, 0.0125)]
+    bars += [((wire, y, wire), (at, 0, wire / 2)) for at in np.arange(-x / 2, x / 2, 0.012)]
+    found = cavity_of(solid_of(*surface(boxes(*walls, *bars))))
+    assert found is not None
+    assert found.volume_m3 == pytest.approx(x * y * z, rel=0.2)
+    floor = [((x / 2 - 0.005, y, wire), (sign * (x / 4 + 0.0025), 0, wire / 2)) for sign in (-1, 1)]
+    assert cavity_of(solid_of(*surface(boxes(*walls, *floor)))) is None, "a gap of one centimeter is a leak"
+
+
+@pytest.mark.parametrize(("apart", "gap"), [(0.0005, 0.0), (0.02, 0.0185)])
+def test_the_gap_between_parts_is_measured_to_the_spacing_of_points(apart, gap):
+    spacing = 0.0015
+    sides = (0.03, 0.03, 0.03)
+    row = boxes(*((sides, (k * 0.03, 0.0, 0.0)) for k in range(3)), (sides, (0.09 + apart, 0.0, 0.0)))
+    assert largest_gap(*surface(row), spacing=spacing) == pytest.approx(gap, abs=1e-4)
+
+
 # ------------------------------------------------------------------------------------------------------------ contacts
 
 
@@ -301,6 +331,33 @@ def test_the_hollow_of_a_cup_stays_free():
     assert dataclasses.astuple(fit) == dataclasses.astuple(fit_of(hulls, solid))
     assert fit.outside_m < 0.0035  # the chord of a sector is 1.4 mm off the circle
     assert fit.inside_m < 0.001
+
+
+def test_the_hollow_of_a_wide_shallow_tray_stays_free():
+    x, y, thick, lip = 0.34, 0.2, 0.003, 0.013
+    sides = [((thick, y, lip), (sign * (x - thick) / 2, 0, lip / 2)) for sign in (-1, 1)]
+    sides += [((x, thick, lip), (0, sign * (y - thick) / 2, lip / 2)) for sign in (-1, 1)]
+    mesh = boxes(((x, y, thick), (0, 0, thick / 2)), *sides)
+    solid = solid_of(*surface(mesh))
+    cavity = cavity_of(solid)
+    hulls, fit = convex_hulls(solid, surface(mesh), cavity)
+    assert filled_share(hulls, solid, cavity) < 0.1
+    assert fit.inside_m < 0.002
+    touched = cavity_of(surface_solid(tuple(hulls)))
+    assert touched.volume_m3 > 0.8 * cavity.volume_m3
+
+
+def test_the_hulls_of_a_vase_follow_its_waist():
+    outer = [(0.0, 0.0), (0.03, 0.0), (0.034, 0.07), (0.0205, 0.21), (0.0255, 0.28)]
+    inner = [(0.0215, 0.28), (0.0165, 0.21), (0.03, 0.07), (0.026, 0.004), (0.0, 0.004)]
+    mesh = trimesh.creation.revolve([*outer, *inner], sections=32)
+    solid = solid_of(*surface(mesh))
+    cavity = cavity_of(solid)
+    hulls, fit = convex_hulls(solid, surface(mesh), cavity)
+    assert len(hulls) <= 48
+    assert fit.outside_m < 0.004
+    assert fit.inside_m < 0.002
+    assert filled_share(hulls, solid, cavity) < 0.1
 
 
 def test_a_convex_body_is_one_hull():

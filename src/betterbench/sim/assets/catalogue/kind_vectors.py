@@ -112,7 +112,7 @@ class KindIndex:
         cosines = np.pad(vectors @ self._vectors.T, ((0, 0), (0, 1)), constant_values=-2.0)[:, self._texts]
         nearest = -np.partition(-cosines, _COUNTED - 1, axis=2)[:, :, :_COUNTED]
         counted = np.minimum(self._totals, _COUNTED)
-        return np.where(nearest >= -1.5, nearest, 0.0).sum(axis=2) / counted
+        return np.asarray(np.where(nearest >= -1.5, nearest, 0.0).sum(axis=2) / counted)
 
     def places(self, kind: int) -> np.ndarray:
         """Return the indices of the rows of a kind, ascending."""
