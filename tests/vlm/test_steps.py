@@ -180,4 +180,4 @@ def test_better_compare_takes_static_runs(data, tmp_path, capsys):
         assert f"{option[0]}: it does not apply to runs of better vlm" in said
     (tmp_path / "other").mkdir()
     assert main(["compare", str(runs[0]), str(tmp_path / "other")]) != 0
-    assert "runs of one kind" in " ".join(capsys.readouterr().err.split())
+    assert "contains no run" in " ".join(capsys.readouterr().err.split())
