@@ -174,7 +174,10 @@ def text_of(record: Record, drawn: Drawn, task: Task) -> str:
 
 def _layout(condition: Condition) -> str:
     placed = [f"{condition.object(n).kind} at {slot}" for n, slot in condition.layout.items()]
-    resting = [f"{condition.object(n).kind} already {p}" for n, p in condition.preplaced.items()]
+    resting = [
+        f"{condition.object(n).kind} already at {condition.object(p.target).kind} {p.region}".strip()
+        for n, p in condition.preplaced.items()
+    ]
     return ", ".join([*placed, *resting])
 
 
