@@ -192,7 +192,7 @@ def choose(trials: Sequence[TrialOutcome], count: int, failures: int, name: str,
     """Return trials drawn by seed: at least so many failures, if the run has them, in shuffled order."""
     random = stream("judged films", seed, name)
     order = [trials[int(i)] for i in random.permutation(len(trials))]
-    failed = [t for t in order if not t.success][:failures]
+    failed = [t for t in order if not t.success][: max(0, min(count, failures))]
     solved = [t for t in order if t.success][: count - len(failed)]
     rest = [t for t in order if t not in failed and t not in solved][: count - len(failed) - len(solved)]
     chosen = [*failed, *solved, *rest]
@@ -208,12 +208,13 @@ def draw_films(out: Path, studies: Sequence[Path], per_run: int, failures: int, 
         for study in studies:
             for name, trials in runs_of(study):
                 folder = str(study / "runs" / name)
-                if not any(d.run == folder for d in known):
-                    task = name.partition("-")[0]
-                    known += [
-                        Drawn(len(known) + 1 + i, folder, task, t.variation or t.condition, t.seed)
-                        for i, t in enumerate(choose(trials, per_run, failures, name, seed))
-                    ]
+                have = {(d.condition, d.seed) for d in known if d.run == folder}
+                left = [t for t in trials if (t.variation or t.condition, t.seed) not in have]
+                wanted = failures - sum(not t.success for t in trials if t not in left)
+                known += [
+                    Drawn(len(known) + 1 + i, folder, name.partition("-")[0], t.variation or t.condition, t.seed)
+                    for i, t in enumerate(choose(left, per_run - len(have), wanted, name, seed))
+                ]
                 run = RunFolder.open(Path(folder))
                 for drawn in known:
                     path = out / f"{drawn.number:03d}.png"
@@ -258,7 +259,7 @@ def diagnosed(drawn: Sequence[Drawn]) -> dict[int, tuple[str, str]]:
         for d in drawn:
             if d.run == folder:
                 trial = trials[d.condition, d.seed]
-                found[d.number] = trial.label.value, trial.evidence.explanation
+                found[d.number] = trial.label.value, trial.evidence.text
     return found
 
 
@@ -285,8 +286,8 @@ def compare(listing: Path, tables: tuple[Path, Path], out: Path | None) -> None:
         a, b, (label, evidence) = first[d.number], second[d.number], found[d.number]
         if not a.label == b.label == label:
             print(f"{d.number:03d} {d.task}/{d.condition}/{d.seed}: diagnosed {label} ({evidence})")
-            for judge in (a, b):
-                print(f"      {judge.label}{'' if judge.sure else ' (unsure)'}: {judge.remark}")
+            for answer in (a, b):
+                print(f"      {answer.label}{'' if answer.sure else ' (unsure)'}: {answer.remark}")
     if out is not None:
         forms = [_form(d, (first[d.number], second[d.number]), found[d.number][0]) for d in drawn if d.number in both]
         out.write_text(json.dumps(forms, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
