@@ -314,14 +314,14 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the region at which an object was deliberately released in any posture, or None.
+        """Return the region at which an object was set down in any posture, or None.
 
-        If the object is in a requested region, or about as near to a requested region, that region was intended.
+        The gripper released it there, or still closed when the object already stood there. If the object is in a requested region, or about as near to a requested region, that region was intended.
         """
         gone, rest = rows
-        if self.state is None or gone < step.grasp.release:
-            return None
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
+        if self.state is None or (gone < step.grasp.release and fall > THRESHOLDS.fall_height):
+            return None
         name, objects = self.name(i), self.trace.info.objects
         found: Whereabout | None = None
         for row in (gone, rest):
@@ -370,6 +370,16 @@ class EpisodeAnalysis:
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return self.put_down(step)
+
+    def last_try(self, step: Step) -> Step:
+        """Return the attempt with which a repeated grasp of one object ended: the first that lifted it, or the last."""
+        for later in self.steps:
+            if later.grasp.start <= step.grasp.start:
+                continue
+            if step.grasp.secured or later.at != step.at:
+                break
+            step = later
+        return step
 
     def taken_for(self, step: Step) -> int | None:
         """Return the subgoal of another object in whose target region an object was put, or None."""

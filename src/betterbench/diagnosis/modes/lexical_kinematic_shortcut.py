@@ -96,6 +96,7 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     If the order is free, a policy that mistakes the mug for the mouse is recognized only by the place to which it
     brings the mug. If training brought mugs there, habit is the simpler explanation.
     """
+    step = episode.last_try(step)
     goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
         return None
