@@ -324,7 +324,8 @@ class EpisodeAnalysis:
             return None
         name, objects = self.name(i), self.trace.info.objects
         found: Whereabout | None = None
-        for row in (gone, rest):
+        at = rest
+        for row in (*self._set_down_before(step, i, gone), gone, rest):
             state = self.state(row)
             for kind, t in dict.fromkeys((w.relation, w.target) for w in self.trace.whereabouts if w.object == i):
                 wanted = relation(kind)
@@ -333,17 +334,32 @@ class EpisodeAnalysis:
                     continue
                 if self._is_asked_at(i, kind, t, region):
                     return None
-                if found is None and (wanted.falls or fall <= THRESHOLDS.fall_height):
+                if found is None and (row < gone or wanted.falls or fall <= THRESHOLDS.fall_height):
                     found = Whereabout(i, kind, t, region, np.zeros(self.trace.rows, dtype=np.bool_))
+                    at = row if row < gone else rest
         if found is None:
             return None
-        away = self._distance_to(i, rest, found.relation, found.target, found.region)
+        away = self._distance_to(i, at, found.relation, found.target, found.region)
         asked = (
-            self._distance_to(i, rest, goal.relation, t, goal.region)
+            self._distance_to(i, at, goal.relation, t, goal.region)
             for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
             if i in names and relation(goal.relation).carried
         )
         return None if any(gap <= away + DOUBT for gap in asked) else found
+
+    def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
+        """Return the row at which a carried object first stood on something between the fingers, as a tuple, or none.
+
+        A jar that jams at a hole stands there, although the closed gripper drags it off afterwards.
+        """
+        trace, last = self.trace, gone - self.trace.steps(THRESHOLDS.stop_time)
+        carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
+        if carried.size == 0:
+            return ()
+        for row in range(step.grasp.end + int(carried[0]), last):
+            if (trace.held[row : row + trace.steps(THRESHOLDS.stop_time)] != i).all():
+                return (row,)
+        return ()
 
     def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
         """Return whether a subgoal requires an object in a region."""
