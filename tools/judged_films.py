@@ -9,6 +9,10 @@ with the diagnosis::
 
     python tools/judged_films.py draw FILMS STUDY [STUDY ...] --per-run 25 --failures 19
     python tools/judged_films.py compare FILMS/drawn.json judge1.csv judge2.csv
+
+The third command writes a contact sheet with a few frames of some films, for the documentation::
+
+    python tools/judged_films.py sheet FILMS docs/pictures/judged-blind.jpg 16 23 26
 """
 
 from __future__ import annotations
@@ -298,13 +302,38 @@ def _form(drawn: Drawn, judges: tuple[Judgment, Judgment], label: str) -> Mappin
     return {**asdict(drawn), "run": run, "judgments": [asdict(judge) for judge in judges], "diagnosed": label}
 
 
+def contact_sheet(films: Path, numbers: Sequence[int], out: Path, *, frames: int = 6, side: int = 112) -> None:
+    """Write a contact sheet: a row per film with its number, its instruction, and frames from its strip."""
+    rows: list[tuple[str, list[Image.Image]]] = []
+    for number in numbers:
+        image = Image.open(films / f"{number:03d}.png")
+        text = (films / f"{number:03d}.txt").read_text(encoding="utf-8").splitlines()[1]
+        lines = round((image.height - _CURVE) / (SIDE_PX + CLOSE_PX + _LINE + 2 * _GAP))
+        cell = SIDE_PX + CLOSE_PX + _LINE + 2 * _GAP
+        top = image.height - lines * cell
+        cells = [
+            (_GAP + column * (SIDE_PX + _GAP), top + line * cell) for line in range(lines) for column in range(COLUMNS)
+        ]
+        shown = [cells[i] for i in np.linspace(0, len(cells) - 1, frames).round().astype(int)]
+        views = [image.crop((x, y, x + SIDE_PX, y + SIDE_PX)).resize((side, side)) for x, y in shown]
+        rows.append((f"{number}. {text.removeprefix('instruction: ')}", views))
+    sheet = Image.new("RGB", (frames * (side + _GAP), len(rows) * (side + _LINE + _GAP)), _PAPER)
+    draw = ImageDraw.Draw(sheet)
+    for k, (head, views) in enumerate(rows):
+        y = k * (side + _LINE + _GAP)
+        draw.text((2, y), head[:105], fill=_INK, font=ImageFont.load_default(_TEXT - 2))
+        for i, view in enumerate(views):
+            sheet.paste(view, (i * (side + _GAP), y + _LINE))
+    sheet.save(out, quality=74, optimize=True)
+
+
 def _share(count: int, total: int) -> str:
     interval = wilson_interval(count, total)
     return f"{count}/{total} = {100 * count / total:.0f} % ({100 * interval.low:.0f} to {100 * interval.high:.0f})"
 
 
 def main() -> None:
-    """Draw films, or compare judgments."""
+    """Draw films, compare judgments, or write a contact sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     verbs = parser.add_subparsers(dest="verb", required=True)
     drawing = verbs.add_parser("draw")
@@ -317,8 +346,14 @@ def main() -> None:
     comparing.add_argument("drawn", type=Path)
     comparing.add_argument("tables", type=Path, nargs=2)
     comparing.add_argument("--out", type=Path, help="JSON file with all judgments")
+    showing = verbs.add_parser("sheet")
+    showing.add_argument("films", type=Path)
+    showing.add_argument("out", type=Path)
+    showing.add_argument("numbers", type=int, nargs="+")
     given = parser.parse_args()
-    if given.verb == "draw":
+    if given.verb == "sheet":
+        contact_sheet(given.films, given.numbers, given.out)
+    elif given.verb == "draw":
         draw_films(given.out, given.studies, given.per_run, given.failures, given.seed)
     else:
         compare(given.drawn, tuple(given.tables), given.out)
