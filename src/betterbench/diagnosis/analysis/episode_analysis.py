@@ -316,7 +316,8 @@ class EpisodeAnalysis:
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
         """Return the region at which an object was set down in any posture, or None.
 
-        The gripper released it there, or still closed when the object already stood there. If the object is in a requested region, or about as near to a requested region, that region was intended.
+        The gripper released it there, or the object already stood there when the closed gripper lost it or dragged it
+        off. If the object is in a requested region, or about as near to a requested region, that region was intended.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])

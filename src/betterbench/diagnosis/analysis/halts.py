@@ -34,9 +34,9 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress; a closing far from all objects counts
-    as an attempt, and an object that is at its target when the arm comes to rest leaves no subgoal open. If the arm trembles in place, the halt
-    lasts for ``tremble_time``; trembling over an instructed object is not a halt.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. A closing far from all objects counts
+    as an attempt, and no subgoal is open if its object is at the target when the arm comes to rest. If the arm trembles
+    in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
     also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at
