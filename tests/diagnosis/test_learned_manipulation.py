@@ -24,9 +24,9 @@ def tried_again(s, name):
 
 
 def sunk(s, place):
-    """Brings an object to a place, where it leaves the gripper although the gripper stays closed."""
+    """Sets an object down at a place, where it leaves the gripper although the gripper stays closed."""
     x, y, z = place - s.grip_offset
-    s.over(np.array([x, y]), 0.3).go(x, y, z + 0.005)
+    s.over(np.array([x, y]), 0.3).go(x, y, z).wait(1.0)
     return s.lose().wait(1.0).open().lift()
 
 

@@ -321,12 +321,13 @@ class EpisodeAnalysis:
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
-        if self.state is None or (gone < step.grasp.release and fall > THRESHOLDS.fall_height):
+        if self.state is None:
             return None
         name, objects = self.name(i), self.trace.info.objects
         found: Whereabout | None = None
         at = rest
-        for row in (*self._set_down_before(step, i, gone), gone, rest):
+        released = (gone, rest) if gone >= step.grasp.release else ()
+        for row in (*self._set_down_before(step, i, gone), *released):
             state = self.state(row)
             for kind, t in dict.fromkeys((w.relation, w.target) for w in self.trace.whereabouts if w.object == i):
                 wanted = relation(kind)
@@ -353,12 +354,13 @@ class EpisodeAnalysis:
 
         A jar that jams at a hole stands there, although the closed gripper drags it off afterwards.
         """
-        trace, last = self.trace, gone - self.trace.steps(THRESHOLDS.stop_time)
+        trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
         if carried.size == 0:
             return ()
-        for row in range(step.grasp.end + int(carried[0]), last):
-            if (trace.held[row : row + trace.steps(THRESHOLDS.stop_time)] != i).all():
+        for row in range(step.grasp.end + int(carried[0]), gone - time):
+            moved = float(np.linalg.norm(trace.positions[row + time, i] - trace.positions[row, i]))
+            if moved <= THRESHOLDS.rest_travel and (trace.held[row : row + time] != i).all():
                 return (row,)
         return ()
 
