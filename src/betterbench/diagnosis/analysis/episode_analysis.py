@@ -314,17 +314,20 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the region at which an object was deliberately released in any posture, or None.
+        """Return the region at which an object was set down in any posture, or None.
 
-        If the object is in a requested region, or about as near to a requested region, that region was intended.
+        The gripper released it there, or the object already stood there when the closed gripper lost it or dragged it
+        off. If the object is in a requested region, or about as near to a requested region, that region was intended.
         """
         gone, rest = rows
-        if self.state is None or gone < step.grasp.release:
-            return None
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
+        if self.state is None:
+            return None
         name, objects = self.name(i), self.trace.info.objects
         found: Whereabout | None = None
-        for row in (gone, rest):
+        at = rest
+        released = (gone, rest) if gone >= step.grasp.release else ()
+        for row in (*self._set_down_before(step, i, gone), *released):
             state = self.state(row)
             for kind, t in dict.fromkeys((w.relation, w.target) for w in self.trace.whereabouts if w.object == i):
                 wanted = relation(kind)
@@ -333,17 +336,33 @@ class EpisodeAnalysis:
                     continue
                 if self._is_asked_at(i, kind, t, region):
                     return None
-                if found is None and (wanted.falls or fall <= THRESHOLDS.fall_height):
+                if found is None and (row < gone or wanted.falls or fall <= THRESHOLDS.fall_height):
                     found = Whereabout(i, kind, t, region, np.zeros(self.trace.rows, dtype=np.bool_))
+                    at = row if row < gone else rest
         if found is None:
             return None
-        away = self._distance_to(i, rest, found.relation, found.target, found.region)
+        away = self._distance_to(i, at, found.relation, found.target, found.region)
         asked = (
-            self._distance_to(i, rest, goal.relation, t, goal.region)
+            self._distance_to(i, at, goal.relation, t, goal.region)
             for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
             if i in names and relation(goal.relation).carried
         )
         return None if any(gap <= away + DOUBT for gap in asked) else found
+
+    def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
+        """Return the row at which a carried object first stood on something between the fingers, as a tuple, or none.
+
+        A jar that jams at a hole stands there, although the closed gripper drags it off afterwards.
+        """
+        trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
+        carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
+        if carried.size == 0:
+            return ()
+        for row in range(step.grasp.end + int(carried[0]), gone - time):
+            moved = float(np.linalg.norm(trace.positions[row + time, i] - trace.positions[row, i]))
+            if moved <= THRESHOLDS.rest_travel and (trace.held[row : row + time] != i).all():
+                return (row,)
+        return ()
 
     def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
         """Return whether a subgoal requires an object in a region."""
@@ -370,6 +389,16 @@ class EpisodeAnalysis:
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return self.put_down(step)
+
+    def last_try(self, step: Step) -> Step:
+        """Return the attempt with which a repeated grasp of one object ended: the first that lifted it, or the last."""
+        for later in self.steps:
+            if later.grasp.start <= step.grasp.start:
+                continue
+            if step.grasp.secured or later.at != step.at:
+                break
+            step = later
+        return step
 
     def taken_for(self, step: Step) -> int | None:
         """Return the subgoal of another object in whose target region an object was put, or None."""

@@ -34,8 +34,9 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. If the arm trembles in place, the halt
-    lasts for ``tremble_time``; trembling over an instructed object is not a halt.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. A closing far from all objects counts
+    as an attempt, and no subgoal is open if its object is at the target when the arm comes to rest. If the arm trembles
+    in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
     also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at
@@ -50,12 +51,16 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that releases an object has not halted yet
         still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
-    last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
+    for closing in episode.on_nothing:  # an arm that closes its gripper, wherever it is, has not halted yet
+        still[closing.start : closing.end + 1] = False
+    last = max(
+        (*(_busy_until(trace, s) for s in episode.steps), *(closing.end for closing in episode.on_nothing)), default=-1
+    )
     needed = trace.steps(THRESHOLDS.halt_time)
     pauses: list[int] = []
     for start, stop in _runs(still):
         begin = _rests_from(trace, max(start, last + 1), stop)
-        if begin is not None and episode.open_goals(begin + needed - 1):
+        if begin is not None and episode.open_goals(begin) and episode.open_goals(begin + needed - 1):
             return (begin, stop - 1) if stop - begin >= _usual(pauses, needed) else None
         pauses.append(stop - start)
     return None

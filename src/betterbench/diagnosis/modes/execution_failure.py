@@ -168,6 +168,8 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
     if not step.grasp.secured:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i] and not _tried_in_vain(episode, i):
             return None  # the episode ended with the object between the fingers, too early to lift it
+        if any(s.grasp.object == i and s.grasp.secured and s.grasp.start > step.grasp.start for s in episode.steps):
+            return None  # a later grasp lifted it, so that grasp decides
         text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)

@@ -23,8 +23,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     short="lexical",
-    definition="The first attempt is at the place where a word of the instruction led in training, at an object that "
-    "is there now and that the word does not refer to.",
+    definition="The first attempt is at the place where a word of the instruction led in training, at another object "
+    "that is there now and that some instruction of the task asks to move.",
     conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
     finding="Goes where the word led in training, to another object",
     rule=WORD,
@@ -96,6 +96,7 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     If the order is free, a policy that mistakes the mug for the mouse is recognized only by the place to which it
     brings the mug. If training brought mugs there, habit is the simpler explanation.
     """
+    step = episode.last_try(step)
     goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
         return None

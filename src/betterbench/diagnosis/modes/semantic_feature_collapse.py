@@ -60,8 +60,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task names, neither as an object to move nor as "
-    "a placement target.",
+    definition="The attempt is at an object that no instruction of the task asks to move, even if a word of the "
+    "instruction led to its place in training. Placement targets of this instruction are excluded.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
     finding="Goes for an object that no instruction asks to move",
