@@ -32,8 +32,6 @@ from betterbench.tasks.relations.inside import inside
 
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""
-CHECK_STEP_M = 0.03
-"""Distance between checked configurations along a path."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
 """Allowed position and angle error of a checked configuration; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
@@ -149,6 +147,10 @@ class Planner:
             shift = self._robot.jaw.closing_shift_m
             close = grasp_pose @ Pose((0.0, shift, 0.0)) if shift else grasp_pose
             return PickPlan(name, way, grasp_pose, close, opening)
+        if set(reasons) == {OUT_OF_REACH}:
+            x, y, z = state.position(name)
+            problem = f"{name} at ({x:.2f}, {y:.2f}, {z:.2f}) m is {OUT_OF_REACH} of the {self._robot.title}"
+            raise PlanningError(f"no free grasp of {name}: {problem}")
         raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
 
     def plan_slide(self, state: WorldState, name: str, travel_m: float) -> SlidePlan:
@@ -407,7 +409,7 @@ class Planner:
         for start, end in itertools.pairwise(way):
             length = distance(start.position, end.position)
             turn = angle_between(start.quaternion, end.quaternion)
-            steps = max(1, math.ceil(max(length / CHECK_STEP_M, turn / 0.25)))
+            steps = max(1, math.ceil(max(length / self._robot.workspace.check_step_m, turn / 0.25)))
             between = straight_way(start, end)
             for i in range(1, steps + 1):
                 pose = between(i / steps)

@@ -291,7 +291,9 @@ SO101 = RobotSpec(
     wrist_camera=CameraMount((0.0, 0.055, -0.045), (0.0, 0.01722, -0.10393), (0.0, 1.0, 0.0), 70.0),
     # Like a camera on a stand in front of the arm, as in LeRobot's kits.
     front_camera=CameraMount((0.62, 0.0, 0.42), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 47.0),
-    workspace=Workspace(carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19), lift_m=0.06, retreat_m=0.05),
+    workspace=Workspace(
+        carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19), lift_m=0.06, retreat_m=0.05, check_step_m=0.012
+    ),
 )
 
 _PAINTS = {"print": (0.93, 0.92, 0.89, 1.0), "jaw": (0.95, 0.42, 0.08, 1.0), "dark": (0.11, 0.11, 0.12, 1.0)}
