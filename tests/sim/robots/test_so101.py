@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from tests.sim.robots.bench import Bench
 from tests.sim.robots.so101_table import TABLE, places, table
 
+from betterbench.certification.examine import planned_grasps
 from betterbench.episodes.gymnasium_env import TaskEnv
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalize, rotate
@@ -290,5 +291,11 @@ def test_an_object_out_of_reach_is_refused_with_a_sentence() -> None:
     for _ in range(3):
         scene.step(expert.act_on_state(state))
         state = scene.state()
-    assert "lemon at (0.5" in expert.ground_truth["mishap"]
-    assert "out of reach of the SO-101 follower arm" in expert.ground_truth["mishap"]
+    reason = "no free grasp of lemon: lemon at (0.51, 0.11, 0.00) m is out of reach of the SO-101 follower arm"
+    assert reason in expert.ground_truth["mishap"]
+    assert planned_grasps(scene, scene.reset())[0] == {"lemon": reason}  # clause d of a certificate
+
+
+def test_the_certificate_finds_an_object_within_reach() -> None:
+    scene = table(0, SO101_DEGREES)
+    assert planned_grasps(scene, scene.reset())[0] == {"lemon": None}

@@ -148,7 +148,7 @@ class Planner:
             close = grasp_pose @ Pose((0.0, shift, 0.0)) if shift else grasp_pose
             return PickPlan(name, way, grasp_pose, close, opening)
         if set(reasons) == {OUT_OF_REACH}:
-            x, y, z = state.position(name)
+            x, y, z = (round(v, 2) + 0.0 for v in state.position(name))  # not -0.00
             problem = f"{name} at ({x:.2f}, {y:.2f}, {z:.2f}) m is {OUT_OF_REACH} of the {self._robot.title}"
             raise PlanningError(f"no free grasp of {name}: {problem}")
         raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
@@ -398,7 +398,7 @@ class Planner:
             held: Object in the gripper, or None.
             T_tcp_object: Pose of the held object in the gripper.
             ignore: Objects that the robot may touch.
-            lenient_start: Whether to ignore contacts on the first 5 cm, because the start cannot be chosen.
+            lenient_start: Whether to ignore contacts at the beginning, because the start cannot be chosen.
 
         Returns:
             The obstacle, or None if the path is free; and the joint angles where the check ended.
@@ -423,7 +423,7 @@ class Planner:
                 before, now = now, found
                 held_pose = None if T_tcp_object is None else self._tool_at(found, pose) @ T_tcp_object
                 hits = self._clearance.touches(now, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore)
-                if hits and not (lenient_start and traveled + i / steps * length < 0.05):
+                if hits and not (lenient_start and traveled + i / steps * length < self._robot.workspace.leave_m):
                     return ", ".join(hits), now
             traveled += length
         return None, now

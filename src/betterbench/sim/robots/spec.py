@@ -63,12 +63,14 @@ class Workspace:
         carry_heights_m: Heights of the tool center point at which objects are carried across the table, lowest first.
         lift_m: Length of the straight approach to an object and of the first lift.
         retreat_m: Height by which the tool retreats after a release.
+        leave_m: Length of the beginning of a path on which contacts are allowed, because its start cannot be chosen.
         check_step_m: Distance between checked configurations along a path; a finger must not jump over a wall.
     """
 
     carry_heights_m: tuple[float, ...]
     lift_m: float
     retreat_m: float
+    leave_m: float
     check_step_m: float
 
 

@@ -289,7 +289,9 @@ PANDA = RobotSpec(
     # the robot and left is the robot's left.
     wrist_camera=CameraMount((0.068, 0.0, 0.020), (0.035, 0.0, 0.16), (1.0, 0.0, 0.0), 70.0),
     front_camera=None,
-    workspace=Workspace(carry_heights_m=(0.22, 0.27, 0.32, 0.38), lift_m=0.08, retreat_m=0.12, check_step_m=0.03),
+    workspace=Workspace(
+        carry_heights_m=(0.22, 0.27, 0.32, 0.38), lift_m=0.08, retreat_m=0.12, leave_m=0.05, check_step_m=0.03
+    ),
 )
 
 _PAINTS = {"shell": (0.93, 0.93, 0.92, 1.0), "trim": (0.80, 0.81, 0.82, 1.0), "dark": (0.16, 0.17, 0.18, 1.0)}

@@ -290,9 +290,9 @@ SO101 = RobotSpec(
     # fixed jaw; with the usual wide one, both jaws are in the image.
     wrist_camera=CameraMount((0.0, 0.055, -0.045), (0.0, 0.01722, -0.10393), (0.0, 1.0, 0.0), 70.0),
     # Like a camera on a stand in front of the arm, as in LeRobot's kits.
-    front_camera=CameraMount((0.62, 0.0, 0.42), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 47.0),
+    front_camera=CameraMount((0.72, 0.0, 0.46), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 52.0),
     workspace=Workspace(
-        carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19), lift_m=0.06, retreat_m=0.05, check_step_m=0.012
+        carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19), lift_m=0.06, retreat_m=0.05, leave_m=0.015, check_step_m=0.012
     ),
 )
 
