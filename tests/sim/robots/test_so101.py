@@ -18,9 +18,11 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalize, rotate
 from betterbench.interface.actions import EE_DELTA, SO101_DEGREES, SO101_NORMALIZED, action_space
 from betterbench.policies.experts import make_expert
+from betterbench.records.modalities.labels import STAGE
 from betterbench.sim.robots import ArmController, ArmIK, IKResult, build_robot_spec, robot, robot_names
 from betterbench.sim.robots.building import COLLISION_GROUP
 from betterbench.sim.robots.so101 import SO101
+from betterbench.sim.scenes.instances import instances_of_bodies
 from betterbench.tasks.authoring.registry import registered_for_now
 
 pytestmark = pytest.mark.physics
@@ -256,6 +258,14 @@ def test_scenes_of_one_seed_are_the_same_bits_and_a_snapshot_continues() -> None
         first.step(action)
         ends.append(first.simulator_state()["qpos"].tobytes())
     assert ends[0] == ends[1]
+
+
+def test_masks_know_the_parts_of_the_gripper() -> None:
+    model = table(0, SO101_DEGREES).model
+    found = instances_of_bodies(model)
+    for body, part in (("moving_jaw", "left_finger"), ("fixed_jaw", "right_finger"), ("gripper", "hand")):
+        assert found[model.body(f"robot/{body}").id] == 1 + STAGE.index(part)
+    assert found[model.body("robot/upper_arm").id] == 1 + STAGE.index("arm")
 
 
 def solve(seed: int, space: str) -> tuple[bool, bool, str]:
