@@ -361,13 +361,15 @@ class Planner:
         """Return a path up, across and down to ``goal`` without collisions, and the joints at its end, or None."""
         start = state.commanded_pose
         joints = state.joint_positions
-        for height in self._robot.workspace.carry_heights_m:
+        workspace = self._robot.workspace
+        for detour, height in itertools.product(((), *((d,) for d in workspace.detours_m)), workspace.carry_heights_m):
             top = max(height, goal.position[2])
             if held is not None:
                 top = max(top, min(start.position[2], 0.45))
             up = Pose((start.position[0], start.position[1], max(top, start.position[2])), start.quaternion)
             over = Pose((goal.position[0], goal.position[1], max(top, goal.position[2])), goal.quaternion)
-            way = (up, over, goal)
+            aside = [Pose((x, y, over.position[2]), goal.quaternion) for x, y in detour]
+            way = (up, *aside, over, goal)
             blocked, end = self.check_way(
                 joints, (start, *way), width, held=held, T_tcp_object=T_tcp_object, lenient_start=True
             )

@@ -61,6 +61,8 @@ class Workspace:
 
     Attributes:
         carry_heights_m: Heights of the tool center point at which objects are carried across the table, lowest first.
+        detours_m: Points (x, y) of the table over which a path goes if the straight one is not free, for an arm that
+            cannot pass close to its own base.
         lift_m: Length of the straight approach to an object and of the first lift.
         retreat_m: Height by which the tool retreats after a release.
         leave_m: Length of the beginning of a path on which contacts are allowed, because its start cannot be chosen.
@@ -68,6 +70,7 @@ class Workspace:
     """
 
     carry_heights_m: tuple[float, ...]
+    detours_m: tuple[tuple[float, float], ...]
     lift_m: float
     retreat_m: float
     leave_m: float

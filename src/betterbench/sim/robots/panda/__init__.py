@@ -290,7 +290,12 @@ PANDA = RobotSpec(
     wrist_camera=CameraMount((0.068, 0.0, 0.020), (0.035, 0.0, 0.16), (1.0, 0.0, 0.0), 70.0),
     front_camera=None,
     workspace=Workspace(
-        carry_heights_m=(0.22, 0.27, 0.32, 0.38), lift_m=0.08, retreat_m=0.12, leave_m=0.05, check_step_m=0.03
+        carry_heights_m=(0.22, 0.27, 0.32, 0.38),
+        detours_m=(),
+        lift_m=0.08,
+        retreat_m=0.12,
+        leave_m=0.05,
+        check_step_m=0.03,
     ),
 )
 

@@ -292,7 +292,12 @@ SO101 = RobotSpec(
     # Like a camera on a stand in front of the arm, as in LeRobot's kits.
     front_camera=CameraMount((0.72, 0.0, 0.46), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 52.0),
     workspace=Workspace(
-        carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19), lift_m=0.06, retreat_m=0.05, leave_m=0.015, check_step_m=0.012
+        carry_heights_m=(0.09, 0.11, 0.13, 0.16, 0.19),
+        detours_m=((0.24, 0.0),),
+        lift_m=0.06,
+        retreat_m=0.05,
+        leave_m=0.015,
+        check_step_m=0.012,
     ),
 )
 
