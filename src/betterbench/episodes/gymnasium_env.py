@@ -13,28 +13,29 @@ from betterbench.errors import InvalidInputError
 from betterbench.interface import Observation, ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space as action_space_named
 from betterbench.interface.state import WorldState
+from betterbench.sim.robots import robot as robot_named
 from betterbench.sim.scenes import Renderer, Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import GoalTracker, Truth, get_task, looks_named
 from betterbench.tasks.interventions import resolve_condition
 
 _BOUNDS = {
-    "joint_positions": (7, 4.0),
-    "joint_velocities": (7, 50.0),
+    "joint_positions": (None, 4.0),
+    "joint_velocities": (None, 50.0),
     "ee_position": (3, 2.0),
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Size and bound of each measurement, wider than all possible values: the joint limits are within 3.8 rad and 2.7
-rad/s, the reach is within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m.
+"""Size (None: the number of arm joints) and bound of each measurement, wider than all possible values: the robots'
+joint limits are within 3.8 rad and 3 rad/s, their reach is within 1.2 m, and their grippers open by 0.1 m.
 """
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """Task under one condition. Every reset starts the trial of a seed.
 
-    Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (7,) [rad],
-    ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
+    Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (n,) [rad],
+    ``joint_velocities`` (n,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
     The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
     success, else 0. Observations are not privileged; ``info`` contains the goal state, for training and evaluation
     code.
@@ -46,6 +47,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         action_space: Name of an action space.
         quality: Name of a render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
+        robot: Name of a robot. Its joint measurements have as many entries as the arm has joints.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -60,6 +62,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         action_space: str = "ee_delta",
         quality: str = "standard",
         looks: str = "seen",
+        robot: str = "panda",
         render_mode: str | None = None,
     ) -> None:
         """Check all names; scenes are compiled at reset."""
@@ -70,6 +73,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._spec: ObservationSpec = observation_spec(observation)
         self._actions = action_space_named(action_space)
         self._quality, self._looks = quality_preset(quality), looks_named(looks)
+        self._robot, joints = robot, len(robot_named(robot).arm_joints)
         self.render_mode = render_mode
         self._observer = Observer(self._spec)
         self._renderer: Renderer | None = None
@@ -80,7 +84,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self.observation_space = spaces.Dict(
             {
                 **{c.name: spaces.Box(0, 255, (c.height, c.width, 3), np.uint8) for c in self._spec.cameras},
-                **{name: spaces.Box(-bound, bound, (n,), np.float64) for name, (n, bound) in _BOUNDS.items()},
+                **{name: spaces.Box(-most, most, (n or joints,), np.float64) for name, (n, most) in _BOUNDS.items()},
             }
         )
 
@@ -114,6 +118,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             action_space=self._actions,
             quality=self._quality,
             looks=self._looks,
+            robot_name=self._robot,
         )
         state = self._scene.reset()
         self._tracker = GoalTracker(

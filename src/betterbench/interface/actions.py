@@ -1,9 +1,10 @@
 """Action spaces: the meaning of each number in an action, as values that both sides of a handshake compare.
 
-The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
-width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies expect the same
-convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step). CALVIN's own
-action spaces have the opposite sign (:data:`CALVIN_RELATIVE`) and are used only in CALVIN.
+The gripper is the last number of every action space. In most of them positive closes, negative opens, zero keeps the
+last commanded width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies expect
+the same convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
+CALVIN's own action spaces have the opposite sign (:data:`CALVIN_RELATIVE`) and are used only in CALVIN. LeRobot's
+spaces of the SO-101 set the opening itself (:data:`OPENING_SPACES`).
 """
 
 from __future__ import annotations
@@ -237,6 +238,49 @@ ACTION_SPACES: dict[str, ActionSpace] = {
 }
 """The action spaces of betterbench's own scenes."""
 
+_SO101_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+_SO101_RANGES = (1.91986, 1.74533, 1.69, 1.65806, math.pi)
+"""Largest angle of each arm joint from the middle of its calibrated range [rad]: TheRobotStudio's model with the new
+calibration. LeRobot calibrates ``wrist_roll`` as a full turn."""
+
+_SO101_CALIBRATION = (
+    "absolute positions of the motors as LeRobot's so101_follower names them, new calibration: zero in the middle of "
+    "each joint's range; gripper: absolute opening, 0 closed to 100 fully open"
+)
+
+
+def _so101(name: str, units: tuple[float, ...], bounds: tuple[float, ...], meaning: str) -> ActionSpace:
+    """Return an action space of the SO-101 whose arm numbers have these units [rad]."""
+    return ActionSpace(
+        name=name,
+        components=tuple(f"{motor}.pos" for motor in _SO101_MOTORS),
+        units=("rad",) * 5 + ("1",),
+        low=(*(-bound for bound in bounds), 0.0),
+        high=(*bounds, 100.0),
+        scale=(*units, 0.01),
+        convention=f"{meaning}; {_SO101_CALIBRATION}",
+    )
+
+
+SO101_DEGREES = _so101(
+    "so101_degrees", (math.pi / 180.0,) * 5, tuple(math.degrees(most) for most in _SO101_RANGES), "arm in degrees"
+)
+"""LeRobot's ``so101_follower`` with ``use_degrees=True`` (``MotorNormMode.DEGREES``)."""
+
+SO101_NORMALIZED = _so101(
+    "so101_normalized",
+    tuple(most / 100.0 for most in _SO101_RANGES),
+    (100.0,) * 5,
+    "arm from -100 to 100 over each joint's calibrated range",
+)
+"""LeRobot's ``so101_follower`` with ``use_degrees=False`` (``MotorNormMode.RANGE_M100_100``)."""
+
+ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (SO101_DEGREES, SO101_NORMALIZED)}
+"""Action spaces of one robot's own motors, in betterbench's own scenes."""
+
+OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
+"""Action spaces whose gripper component is the opening itself rather than a direction."""
+
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
     components=("x", "y", "z", "roll", "pitch", "yaw", "gripper"),
@@ -326,7 +370,7 @@ _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CA
 
 def action_space(name: str) -> ActionSpace:
     """Return a registered action space by name, for our own scenes or another world."""
-    known = ACTION_SPACES | WORLD_ACTION_SPACES
+    known = ACTION_SPACES | ROBOT_ACTION_SPACES | WORLD_ACTION_SPACES
     try:
         return known[name]
     except KeyError:

@@ -91,8 +91,8 @@ class Observation:
         instruction: Task instruction.
         step: Control steps taken since reset.
         images: Upright RGB image per camera, (height, width, 3) uint8.
-        joint_positions: (7,) arm joint angles [rad].
-        joint_velocities: (7,) arm joint velocities [rad/s].
+        joint_positions: (n,) arm joint angles [rad].
+        joint_velocities: (n,) arm joint velocities [rad/s].
         ee_position: (3,) tool center point in the robot base frame [m].
         ee_quaternion: (4,) tool rotation in the robot base frame, (w, x, y, z) with w >= 0.
         gripper_width: Distance of the finger pads [m].

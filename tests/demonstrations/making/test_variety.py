@@ -26,7 +26,7 @@ from betterbench.demonstrations.making.transit import (
 )
 from betterbench.demonstrations.making.variety import SPREADS, VarietyMeter, variety_of_run
 from betterbench.geometry import Pose, angle_between, distance, from_yaw
-from betterbench.policies.experts.planner import CHECK_STEP_M
+from betterbench.sim.robots import PANDA
 from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
@@ -121,10 +121,10 @@ def test_a_way_begins_and_ends_where_it_is_asked_to_and_keeps_its_height(pick):
         steps = list(itertools.pairwise(way))
         assert max(distance(a.position, b.position) for a, b in steps) <= 1.02 * MOST_STEP_M
         assert max(angle_between(a.quaternion, b.quaternion) for a, b in steps) <= 1.02 * MOST_STEP_RAD
-        seen = checkpoints(way)
+        seen = checkpoints(way, PANDA.workspace.check_step_m)
         assert (seen[0], seen[-1]) == (way[0], way[-1])
         longest = max(distance(a.position, b.position) for a, b in itertools.pairwise(seen))
-        assert longest <= max(CHECK_STEP_M, 1.02 * MOST_STEP_M)
+        assert longest <= max(PANDA.workspace.check_step_m, 1.02 * MOST_STEP_M)
     plain, raised = (carry_transit(pick, 2, start, goal, TransitChange(0.0, z)) for z in (0.0, 0.04))
     highest = [max(p.position[2] for p in way) for way in (plain, raised)]
     assert highest[0] == pytest.approx(max(p.position[2] for p in whole), abs=0.01)

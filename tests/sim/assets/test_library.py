@@ -22,7 +22,8 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
 from betterbench.sim.assets import build, build_unpainted, categories, colors, looks, unseen_looks
 from betterbench.sim.assets.authoring import generator, unregister
-from betterbench.sim.robots.panda import PAD_FRICTION, PAD_HALF_SIZE, PAD_SOLIMP, PAD_SOLMIX, PAD_SOLREF
+from betterbench.sim.robots.building import FIRM
+from betterbench.sim.robots.panda import PAD_FRICTION, PAD_HALF_SIZE
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.scenes.objects import add_asset, rail_of, rest_pose
 
@@ -299,9 +300,7 @@ def lift(asset, grasp, *, push_n=40.0, height_m=0.1):
             size=PAD_HALF_SIZE,
             mass=0.05,
             friction=PAD_FRICTION,
-            solref=PAD_SOLREF,
-            solimp=PAD_SOLIMP,
-            solmix=PAD_SOLMIX,
+            **FIRM,
             condim=4,
         )
         push = spec.add_actuator(name=f"push{side}", target=f"slide{side}", trntype=mujoco.mjtTrn.mjTRN_JOINT)

@@ -6,16 +6,16 @@ import mujoco
 import numpy as np
 
 from betterbench.interface.actions import ActionSpace
-from betterbench.sim.robots import PANDA, ArmController
+from betterbench.sim.robots import PANDA, ArmController, RobotSpec
 
 
 class Bench:
     """A model with its state and a controller, stepped by actions."""
 
-    def __init__(self, model: mujoco.MjModel, space: ActionSpace) -> None:
+    def __init__(self, model: mujoco.MjModel, space: ActionSpace, robot: RobotSpec = PANDA) -> None:
         self.model = model
         self.data = mujoco.MjData(model)
-        self.controller = ArmController(model, PANDA, space)
+        self.controller = ArmController(model, robot, space)
         self.controller.home(self.data)
         mujoco.mj_forward(model, self.data)
 

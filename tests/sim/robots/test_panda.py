@@ -13,9 +13,10 @@ from scipy.spatial import KDTree
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.sim.robots import PANDA, build_robot_spec, robot, robot_names
+from betterbench.sim.robots.building import COLLISION_GROUP, VISUAL_GROUP
 from betterbench.sim.robots.decimation import welded
 from betterbench.sim.robots.meshes import mesh_folder, visual_parts
-from betterbench.sim.robots.panda import _SHARES, COLLISION_GROUP, FACE_BUDGET, VISUAL_GROUP, _paint
+from betterbench.sim.robots.panda import _SHARES, FACE_BUDGET, _paint
 
 
 @pytest.fixture(scope="module")

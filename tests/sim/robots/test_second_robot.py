@@ -8,6 +8,8 @@ import pytest
 
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.evaluation.running.replay import check_record
+from betterbench.records import read_record
 from betterbench.sim.robots import PANDA, build_robot_spec, register_robot, robot, robot_names, spec
 
 SECOND = replace(PANDA, name="second_panda", title="A second Panda")
@@ -25,7 +27,7 @@ def second(monkeypatch):
 
 @pytest.mark.usefixtures("second")
 def test_a_trial_is_run_with_a_second_robot(tmp_path):
-    assert robot_names() == ("panda", "second_panda")
+    assert set(robot_names()) >= {"panda", "second_panda", "so101"}
     assert robot("second_panda") is SECOND
     plan = make_plan("expert", tasks=("morning_coffee",), trials=1, observation="state_only")
     trials = tuple(t for t in plan.trials if t.variation is None)[:1]
@@ -34,6 +36,16 @@ def test_a_trial_is_run_with_a_second_robot(tmp_path):
     assert (entry.status, run.outcome(entry).success) == ("done", True)
     assert run.plan["robot"] == "second_panda"
     assert run.context["conventions"]["robot"]["title"] == "A second Panda"
+
+
+def test_a_record_of_the_so101_is_replayed_bit_for_bit(tmp_path):
+    plan = make_plan("noop", tasks=("morning_coffee",), trials=1, observation="state_only")
+    trials = tuple(t for t in plan.trials if t.variation == "T1")  # the shortest: 10 s
+    run = evaluate(replace(plan, trials=trials, robot="so101"), tmp_path / "run", workers=1)
+    (entry,) = run.entries()
+    path = run.record_path(entry.task, entry.condition, entry.seed)
+    assert read_record(path).joint_positions.shape[1] == 5
+    assert check_record(path).identical
 
 
 @pytest.mark.usefixtures("second")

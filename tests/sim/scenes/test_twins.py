@@ -25,24 +25,30 @@ SEEDS = (0, 7)
 
 
 @functools.lru_cache(maxsize=32)
-def scene(task_id: str, name: str, seed: int) -> Scene:
+def scene(task_id: str, name: str, seed: int, robot: str = "panda") -> Scene:
     task = get_task(task_id)
     condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
-    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+    quality = quality_preset("fast")
+    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality, robot_name=robot)
 
 
-def pairs_of(task_id: str, seeds: Iterable[int]) -> Iterator[tuple[Scene, Scene, Changes]]:
+def pairs_of(task_id: str, seeds: Iterable[int], robot: str = "panda") -> Iterator[tuple[Scene, Scene, Changes]]:
     """The variations of a task with their twins and what is declared to change."""
     task = get_task(task_id)
     for seed, variation in itertools.product(seeds, task.variations):
-        twin = scene(task_id, variation.base, seed)
-        yield scene(task_id, variation.name, seed), twin, vary(task, variation)[1]
+        twin = scene(task_id, variation.base, seed, robot)
+        yield scene(task_id, variation.name, seed, robot), twin, vary(task, variation)[1]
 
 
-@pytest.fixture(scope="module", params=others_slow(TASKS, 2))
+SECOND = ("morning_coffee", "so101")
+"""A task beside the second robot: the law holds out of its reach, too."""
+
+
+@pytest.fixture(scope="module", params=[*others_slow(TASKS, 2), pytest.param(SECOND, id="-".join(SECOND))])
 def pairs(request: pytest.FixtureRequest) -> list[tuple[Scene, Scene, Changes]]:
     """Tests that ask for pairs run task by task, so that each scene is built once."""
-    return list(pairs_of(request.param, SEEDS))
+    task_id, robot = request.param if isinstance(request.param, tuple) else (request.param, "panda")
+    return list(pairs_of(task_id, SEEDS, robot))
 
 
 def bits(value: object) -> bytes:

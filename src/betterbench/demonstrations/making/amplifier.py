@@ -384,7 +384,11 @@ class Amplifier:
             if way is None:
                 break
             joints = self._planner.free_way(
-                state, checkpoints(way), hand.width_m, held=hand.held, T_tcp_object=hand.T_tcp_object
+                state,
+                checkpoints(way, self._planner.workspace.check_step_m),
+                hand.width_m,
+                held=hand.held,
+                T_tcp_object=hand.T_tcp_object,
             )
             if joints is not None:
                 yield _WayIn(way[1:-1], False, begin), joints

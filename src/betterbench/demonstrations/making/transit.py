@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from betterbench.demonstrations.making.sources import SourceSkill
 from betterbench.geometry import Pose, Vector, angle_between, distance, horizontal_distance, slerp, straight_way
-from betterbench.policies.experts.planner import CHECK_STEP_M
 
 LEAST_WAY_M = 0.05
 """Minimum horizontal length of a transit with a direction [m]."""
@@ -132,11 +131,11 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
     return (*found, way[-1])
 
 
-def checkpoints(way: Sequence[Pose]) -> list[Pose]:
-    """Return poses along a transit, dense enough for a collision check."""
+def checkpoints(way: Sequence[Pose], step_m: float) -> list[Pose]:
+    """Return poses along a transit, dense enough for a collision check every ``step_m`` meters."""
     found = [way[0]]
     for pose, after in itertools.pairwise(way[1:]):
-        far = distance(after.position, found[-1].position) > CHECK_STEP_M
+        far = distance(after.position, found[-1].position) > step_m
         if far or angle_between(after.quaternion, found[-1].quaternion) > CHECK_RAD:
             found.append(pose)
     return [*found, way[-1]]

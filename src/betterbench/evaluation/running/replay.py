@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from betterbench.episodes import TrialContext, append_row, describe
 from betterbench.errors import InvalidActionError, RecordError
 from betterbench.interface.actions import action_space
 from betterbench.records import Outcome, Record, RecordBuilder, RunFolder, read_record, subgoal_segments
+from betterbench.sim.robots import robot, robot_names
 from betterbench.sim.scenes import Scene, engine_version
 from betterbench.sim.scenes.stage import QUALITIES, quality_preset
 from betterbench.tasks import GoalTracker, Truth
@@ -74,7 +76,7 @@ def check_record(path: Path) -> ReplayCheck:
     found = resolve_condition(meta.task, meta.condition)
     if found.task.version != meta.task_version:
         notes.append(f"recorded with version {meta.task_version} of {meta.task}, replayed with {found.task.version}")
-    scene = _scene(record, found, None if run is None else run.plan.get("quality"))
+    scene = _scene(record, found, {} if run is None else run.plan)
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
             f"{path}: the scene has changed since the recording ({', '.join(notes) or 'same versions'}). "
@@ -87,20 +89,28 @@ def check_record(path: Path) -> ReplayCheck:
     return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, truth, met))
 
 
-def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
-    """Return a record's scene, with the render preset of the record or the plan, otherwise a matching one."""
-    meta = record.metadata
+def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
+    """Return a record's scene, with the robot and render preset of the record or the plan, otherwise matching ones."""
+    meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
-    *others, last = [named] if isinstance(named, str) and named in QUALITIES else QUALITIES
+    qualities = [named] if isinstance(named, str) and named in QUALITIES else [*QUALITIES]
+    joints = record.joint_positions.shape[1]
+    robots = [name for name in robot_names() if len(robot(name).arm_joints) == joints]
+    if not robots:
+        raise RecordError(f"{meta.task}/{meta.condition} seed {meta.seed}: no robot here has {joints} arm joints.")
+    if (used := plan.get("robot")) in robots:
+        robots = [str(used)]
+    *others, last = itertools.product(robots, qualities)
 
-    def made(quality: str) -> Scene:
+    def made(pair: tuple[str, str]) -> Scene:
         return Scene(
             found.task,
             found.condition,
             seed=meta.seed,
             action_space=action_space(meta.action_space),
-            quality=quality_preset(quality),
+            quality=quality_preset(pair[1]),
             looks=meta.looks,
+            robot_name=pair[0],
         )
 
     fitting = (s for s in map(made, others) if s.compiled.content_hash == meta.scene_hash)

@@ -25,16 +25,13 @@ from betterbench.geometry import (
 from betterbench.interface.state import WorldState
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.robots.ik import largest_step
+from betterbench.sim.robots.spec import Workspace
 from betterbench.sim.scenes import Clearance, Scene
 from betterbench.tasks.relations import PlaceGoal
 from betterbench.tasks.relations.inside import inside
 
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""
-SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
-"""Heights of the tool center point at which objects are carried across the table, lowest first."""
-CHECK_STEP_M = 0.03
-"""Distance between checked configurations along a path."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
 """Allowed position and angle error of a checked configuration; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
@@ -45,8 +42,6 @@ SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
 """Reason for rejecting a path that would need another arm posture."""
-LIFT_M = 0.08
-"""Length of the straight approach and retreat [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +51,15 @@ class PickPlan:
     Attributes:
         object: Object name.
         way: Poses of the tool center point on the path, the last one above the grasp.
-        grasp: Pose ``T_world_tcp`` at which the gripper closes.
+        grasp: Pose ``T_world_tcp`` at the end of the straight approach.
+        close: Pose at which the gripper closes: ``grasp``, or beside it where a fixed finger touches the object.
         width_m: Opening width on the way down [m].
     """
 
     object: str
     way: tuple[Pose, ...]
     grasp: Pose
+    close: Pose
     width_m: float
 
 
@@ -104,8 +101,14 @@ class Planner:
         self._scene = scene
         self._clearance = Clearance(scene)
         self._ik = scene.controller.ik
-        self._opening = scene.compiled.robot.gripper_opening_m
+        self._robot = scene.compiled.robot
+        self._opening = self._robot.gripper_opening_m
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
+
+    @property
+    def workspace(self) -> Workspace:
+        """Distances of the robot's motions."""
+        return self._robot.workspace
 
     def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
         """Return the best collision-free path to pick up an object.
@@ -123,7 +126,7 @@ class Planner:
         grasps = list(self._grasps(state, name, cost))
         for (grasp_pose, width), margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in grasps):
             opening = min(self._opening, width + 0.035)
-            above = grasp_pose.translated(z=LIFT_M)
+            above = grasp_pose.translated(z=self._robot.workspace.lift_m)
             joints = self._reach(state.joint_positions, above, margin=margin)
             if joints is None:
                 reasons.append(OUT_OF_REACH)
@@ -141,7 +144,13 @@ class Planner:
             if down is not None:
                 reasons.append(down)
                 continue
-            return PickPlan(name, way, grasp_pose, opening)
+            shift = self._robot.jaw.closing_shift_m
+            close = grasp_pose @ Pose((0.0, shift, 0.0)) if shift else grasp_pose
+            return PickPlan(name, way, grasp_pose, close, opening)
+        if set(reasons) == {OUT_OF_REACH}:
+            x, y, z = (round(v, 2) + 0.0 for v in state.position(name))  # not -0.00
+            problem = f"{name} at ({x:.2f}, {y:.2f}, {z:.2f}) m is {OUT_OF_REACH} of the {self._robot.title}"
+            raise PlanningError(f"no free grasp of {name}: {problem}")
         raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
 
     def plan_slide(self, state: WorldState, name: str, travel_m: float) -> SlidePlan:
@@ -226,7 +235,7 @@ class Planner:
             if blocked is not None:
                 reasons.append(blocked)
                 continue
-            return PlacePlan(way, release, release.translated(z=0.12), opened)
+            return PlacePlan(way, release, release.translated(z=self._robot.workspace.retreat_m), opened)
         raise PlanningError(f"no free placement of {name}: {', '.join(sorted(set(reasons))) or 'no goal given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
@@ -297,7 +306,8 @@ class Planner:
                     continue
                 turn = angle_between(T_world_tcp.quaternion, state.ee_pose.quaternion)
                 turn += 0.0 if cost is None else cost(T_world_tcp)
-                found.append((10.0 * grasp.preference + turn, T_world_tcp, grasp.width_m))
+                at = self._before_closing(T_world_tcp, grasp.width_m)
+                found.append((10.0 * grasp.preference + turn, at, grasp.width_m))
         if not found:
             found = [(0.0, p, w) for p, w in self._lying_grasps(state, name)]
         for _, T_world_tcp, width in sorted(found, key=lambda item: item[0]):
@@ -319,7 +329,13 @@ class Planner:
             height = max(0.012, center[2] - 0.005)
             for flip in (0.0, math.pi):
                 down = normalize(multiply(from_yaw(yaw + flip), DOWN))
-                yield Pose((center[0], center[1], height), down), info.size_m[axis]
+                width = info.size_m[axis]
+                yield self._before_closing(Pose((center[0], center[1], height), down), width), width
+
+    def _before_closing(self, T_world_object: Pose, width_m: float) -> Pose:
+        """Return the tool pose at which the jaws stand around the middle of an object, before they close."""
+        offset = self._robot.jaw.object_offset_m(width_m)
+        return T_world_object if offset == 0.0 else T_world_object @ Pose((0.0, -offset, 0.0))
 
     def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
         """Return joint angles that reach a pose at least ``margin`` [rad] from the joint limits, or None."""
@@ -328,6 +344,10 @@ class Planner:
             return None
         free = min(float((result.q - self._ik.low).min()), float((self._ik.high - result.q).min()))
         return result.q if free >= margin else None
+
+    def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
+        """Return the tool pose at joint angles found for a pose, which has another rotation if the arm has slack."""
+        return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
     def _transit(
         self,
@@ -341,13 +361,15 @@ class Planner:
         """Return a path up, across and down to ``goal`` without collisions, and the joints at its end, or None."""
         start = state.commanded_pose
         joints = state.joint_positions
-        for height in SAFE_HEIGHTS_M:
+        workspace = self._robot.workspace
+        for detour, height in itertools.product(((), *((d,) for d in workspace.detours_m)), workspace.carry_heights_m):
             top = max(height, goal.position[2])
             if held is not None:
                 top = max(top, min(start.position[2], 0.45))
             up = Pose((start.position[0], start.position[1], max(top, start.position[2])), start.quaternion)
             over = Pose((goal.position[0], goal.position[1], max(top, goal.position[2])), goal.quaternion)
-            way = (up, over, goal)
+            aside = [Pose((x, y, over.position[2]), goal.quaternion) for x, y in detour]
+            way = (up, *aside, over, goal)
             blocked, end = self.check_way(
                 joints, (start, *way), width, held=held, T_tcp_object=T_tcp_object, lenient_start=True
             )
@@ -372,13 +394,13 @@ class Planner:
         needs another elbow posture is not free.
 
         Args:
-            joints: (7,) joint angles at its beginning [rad].
+            joints: (n,) joint angles at its beginning [rad].
             way: Poses of the tool center point.
             width: Opening width [m].
             held: Object in the gripper, or None.
             T_tcp_object: Pose of the held object in the gripper.
             ignore: Objects that the robot may touch.
-            lenient_start: Whether to ignore contacts on the first 5 cm, because the start cannot be chosen.
+            lenient_start: Whether to ignore contacts at the beginning, because the start cannot be chosen.
 
         Returns:
             The obstacle, or None if the path is free; and the joint angles where the check ended.
@@ -389,7 +411,7 @@ class Planner:
         for start, end in itertools.pairwise(way):
             length = distance(start.position, end.position)
             turn = angle_between(start.quaternion, end.quaternion)
-            steps = max(1, math.ceil(max(length / CHECK_STEP_M, turn / 0.25)))
+            steps = max(1, math.ceil(max(length / self._robot.workspace.check_step_m, turn / 0.25)))
             between = straight_way(start, end)
             for i in range(1, steps + 1):
                 pose = between(i / steps)
@@ -401,9 +423,9 @@ class Planner:
                 if found is None or largest_step(found, now) > MAX_JOINT_STEP_RAD:
                     return OUT_OF_REACH, now
                 before, now = now, found
-                held_pose = None if T_tcp_object is None else pose @ T_tcp_object
+                held_pose = None if T_tcp_object is None else self._tool_at(found, pose) @ T_tcp_object
                 hits = self._clearance.touches(now, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore)
-                if hits and not (lenient_start and traveled + i / steps * length < 0.05):
+                if hits and not (lenient_start and traveled + i / steps * length < self._robot.workspace.leave_m):
                     return ", ".join(hits), now
             traveled += length
         return None, now

@@ -149,6 +149,7 @@ class PrivilegedAgent:
         self._name = name
         self._execution = noise or ExecutionNoise()
         self._loop = _DecisionLoop(scene, rule, self._execution, skills)
+        self._controller = scene.controller
         self._noise = stream(scene.task.id, scene.seed, f"action noise:{scene.condition.name}")
         self._run: Generator[np.ndarray, WorldState, None] | None = None
 
@@ -176,7 +177,9 @@ class PrivilegedAgent:
         }
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,).
+        """Return the next action in the scene's action space, shape (dim,).
+
+        Motions are planned in ``ee_delta``; a scene with absolute joint angles gets the same motion in its own space.
 
         Raises:
             RuntimeError: At the control step of a planned crash.
@@ -191,7 +194,7 @@ class PrivilegedAgent:
         if self._execution.action_noise_m > 0.0 and action[:3].any():
             action[:3] += self._noise.normal(0.0, self._execution.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
             np.clip(action, -1.0, 1.0, out=action)
-        return action
+        return self._controller.own_action(action)
 
     def close(self) -> None:
         """Release the episode, to free its scene (about 25 MB) with the last reference."""

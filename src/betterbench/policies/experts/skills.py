@@ -27,7 +27,7 @@ from betterbench.policies.experts.motion import (
     open_gripper,
     release_to,
 )
-from betterbench.policies.experts.planner import DOWN, LIFT_M, Planner
+from betterbench.policies.experts.planner import DOWN, Planner
 from betterbench.tasks import TargetRegion
 from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Releases
 from betterbench.tasks.relations import PlaceGoal
@@ -114,6 +114,11 @@ class Skills:
         way = self.passing(state, plan.way, plan.width_m)
         state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
+        if plan.close is not plan.grasp:
+            beside = grasp @ (plan.grasp.inverse() @ plan.close)
+            state = yield from follow(
+                state, (beside,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s, settle=4
+            )
         return state, grasp
 
     def grasp(self, state: WorldState, name: str) -> SkillRun:
@@ -124,16 +129,17 @@ class Skills:
     def lift(self, state: WorldState, name: str) -> SkillRun:
         """Lift the gripper straight up and return whether the object was lifted."""
         before = state.pose(name).position[2]
-        goal = state.commanded_pose.translated(z=LIFT_M)
+        lift_m = self.planner.workspace.lift_m
+        goal = state.commanded_pose.translated(z=lift_m)
         state = yield from follow(
             state, (goal,), gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s, settle=6
         )
-        return state, state.pose(name).position[2] - before > 0.5 * LIFT_M
+        return state, state.pose(name).position[2] - before > 0.5 * lift_m
 
-    def retreat(self, state: WorldState, *, up_m: float = 0.12) -> Motion:
+    def retreat(self, state: WorldState) -> Motion:
         """Open the gripper and move straight up."""
         state = yield from open_gripper(state, width_m=0.07)
-        goal = state.commanded_pose.translated(z=up_m)
+        goal = state.commanded_pose.translated(z=self.planner.workspace.retreat_m)
         return (
             yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=2)
         )
@@ -188,7 +194,7 @@ class Skills:
         state = yield from release_to(state, width_m=min(plan.release_width_m, 0.076))
         state = yield from follow(
             state,
-            (state.commanded_pose.translated(z=0.12),),
+            (state.commanded_pose.translated(z=self.planner.workspace.retreat_m),),
             gripper=0.0,
             pace=self.paced(APPROACH),
             period_s=self.period_s,
@@ -261,7 +267,7 @@ class Skills:
         if holds:
             state = yield from follow(state, (plan.end,), gripper=CLOSE, pace=self.paced(RAILS), period_s=self.period_s)
         state = yield from release_to(state, width_m=state.finger_width_m + KNOB_RELEASE_M)
-        goal = state.commanded_pose.translated(z=0.12)
+        goal = state.commanded_pose.translated(z=self.planner.workspace.retreat_m)
         state = yield from follow(
             state, (goal,), gripper=0.0, pace=self.paced(APPROACH), period_s=self.period_s, settle=2
         )
@@ -294,7 +300,7 @@ class Skills:
     def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
         """Grasp at an empty position, lift and open again."""
         goal = Pose((place[0], place[1], height_m), normalize(multiply(from_yaw(yaw), DOWN)))
-        above = goal.translated(z=LIFT_M)
+        above = goal.translated(z=self.planner.workspace.lift_m)
         way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
         state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)

@@ -40,10 +40,12 @@ from betterbench.interface.actions import (
     JOINT_DELTA,
     JOINT_POSITION,
     JOINT_STEP_PER_UNIT_RAD,
+    OPENING_SPACES,
     ROTATION_PER_UNIT_RAD,
     TRANSLATION_PER_UNIT_M,
     ActionSpace,
 )
+from betterbench.interface.actions import action_space as known_space
 from betterbench.sim.robots.ik import ArmIK
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.readers import number_reader, numbers_of
@@ -66,6 +68,9 @@ JOINT_LEAD_RAD = 0.3
 rad at the tool, so the bound is active only if the arm is blocked or far from its reference.
 """
 
+
+CLOSING_LEAD_M = 0.0015
+"""Smallest lead of the commanded over the measured opening width that counts as a command to open or close [m]."""
 
 Joints = Sequence[float]
 """Joint angles [rad]."""
@@ -96,14 +101,16 @@ class ArmController:
         self.spec = spec
         self.action_space = action_space
         self.ik = ArmIK(spec)
-        driven, advance = _DRIVEN.get(action_space.name, (None, None))
-        if driven is None or advance is None or action_space.dim != driven.dim:
+        if action_space.name not in spec.action_spaces or action_space.dim != known_space(action_space.name).dim:
             raise InvalidInputError(
                 "action space",
-                f"{action_space.name!r} is not supported by the arm controller",
-                f"Choose one of {', '.join(_DRIVEN)}",
+                f"{action_space.name!r} is not supported by the arm controller of the {spec.title}",
+                f"Choose one of {', '.join(spec.action_spaces)}",
             )
-        self._advance = advance
+        self._jaw = spec.jaw
+        self._advance = _DRIVEN.get(action_space.name, ArmController._scaled_joint_position)
+        self._scale = action_space.scale
+        self._sets_width = action_space.name in OPENING_SPACES
         substeps = spec.control_period_s / model.opt.timestep
         if abs(substeps - round(substeps)) > 1e-6:
             raise InvalidInputError(
@@ -155,9 +162,7 @@ class ArmController:
     def measured_width_m(self, data: mujoco.MjData) -> float:
         """Return the measured distance of the finger pads [m]."""
         self._attend(data)
-        left, right = self._get_fingers()
-        width: float = left + right
-        return width
+        return self._jaw.width_at(self._get_fingers())
 
     def home(self, data: mujoco.MjData) -> None:
         """Set the arm at rest to its home posture with open fingers, and reset the controller.
@@ -166,7 +171,7 @@ class ArmController:
         """
         data.qpos[self._qpos] = self.ik.home
         data.qvel[self._qvel] = 0.0
-        data.qpos[self._fingers] = 0.5 * self.spec.gripper_opening_m
+        data.qpos[self._fingers] = self._jaw.joints_at(self.spec.gripper_opening_m)
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
@@ -177,7 +182,7 @@ class ArmController:
         self._width = self.measured_width_m(data)
         data.act[self._act] = joints
         data.ctrl[[number for pair in self._servos for number in pair]] = 0.0
-        data.ctrl[self._gripper] = self._width
+        data.ctrl[self._gripper] = self._jaw.control_at(self._width)
 
     def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
         """Set the controls of the next control step in ``data`` and return the applied action.
@@ -198,8 +203,54 @@ class ArmController:
         for (position, velocity), to, at in zip(self._servos, goal, reference, strict=True):
             ctrl[position] = ctrl[velocity] = (to - at) / period
         self._joints = goal
-        ctrl[self._gripper] = self._move_gripper(numbers[-1], self.measured_width_m(data))
+        move = self._set_gripper if self._sets_width else self._move_gripper
+        self._width = move(numbers[-1], self.measured_width_m(data))
+        ctrl[self._gripper] = self._jaw.control_at(self._width)
         return applied
+
+    def gripper_command(self, applied: np.ndarray, last: float) -> float:
+        """Return the gripper command of an applied action, -1 to open and 1 to close.
+
+        In an action space that sets the opening itself, the gripper closes while the commanded width is smaller than
+        the measured one by :data:`CLOSING_LEAD_M`, also while it presses on an object; it opens while the width is
+        larger, and otherwise keeps its ``last`` command.
+        """
+        if not self._sets_width:
+            command: float = applied.item(-1)
+            return command
+        lead = self._jaw.width_at(self._get_fingers()) - self._width
+        return last if abs(lead) < CLOSING_LEAD_M else math.copysign(1.0, lead)
+
+    def own_action(self, action: np.ndarray) -> np.ndarray:
+        """Return the action of this controller's action space that moves the arm like an ``ee_delta`` action.
+
+        Planned motions are sequences of ``ee_delta`` actions; this function expresses them in the action space of a
+        policy, for the state in which the controller was reset or last applied an action. It supports ``ee_delta``
+        itself and the spaces of absolute joint angles.
+
+        Args:
+            action: (7,) action in ``ee_delta``.
+
+        Raises:
+            InvalidInputError: If the action space is another one.
+        """
+        if self.action_space.name == EE_DELTA.name:
+            return action
+        if self._advance not in (ArmController._joint_position, ArmController._scaled_joint_position):
+            raise InvalidInputError(
+                "action space",
+                f"planned motions are not expressed in {self.action_space.name!r}",
+                "Use ee_delta or a space of absolute joint angles",
+            )
+        numbers = action.tolist()
+        measured = self._get_joints()
+        goal = _bounded(_moved(self._pose, numbers), self.ik.forward(measured))
+        joints = self._toward(goal, measured, self._get_reference())
+        gripper = numbers[-1]
+        if self._sets_width:
+            width = self._move_gripper(gripper, self._jaw.width_at(self._get_fingers()))
+            gripper = self._jaw.share_at(width) / self._scale[-1]
+        return np.array([*(q / unit for q, unit in zip(joints, self._scale, strict=False)), gripper])
 
     def _attend(self, data: mujoco.MjData) -> None:
         """Prepare the access to these data, which the engine keeps at a fixed address."""
@@ -252,6 +303,11 @@ class ArmController:
         """Step toward absolute joint angles."""
         return self._joint_step(action[:-1], measured, reference)
 
+    def _scaled_joint_position(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
+        """Step toward absolute joint angles in the units of the action space."""
+        goal = [unit * a for unit, a in zip(self._scale[:-1], action[:-1], strict=True)]
+        return self._joint_step(goal, measured, reference)
+
     def _joint_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
         """Add the action to the commanded joint angles."""
         asked = [q + JOINT_STEP_PER_UNIT_RAD * a for q, a in zip(self._joints, action[:-1], strict=True)]
@@ -270,14 +326,18 @@ class ArmController:
         return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
-        """Move the commanded opening width at finite speed and return it [m]."""
-        if command != 0.0:
-            spec = self.spec
-            step = spec.gripper_speed_m_s * self._period
-            width = self._width - math.copysign(step, command)
-            width = min(max(width, measured_width - spec.gripper_lead_m), measured_width + spec.gripper_lead_m)
-            self._width = min(max(width, -spec.gripper_lead_m), spec.gripper_opening_m)
-        return self._width
+        """Return the commanded opening width [m] after a step at finite speed in the direction of the command."""
+        if command == 0.0:
+            return self._width
+        spec = self.spec
+        step = spec.gripper_speed_m_s * self._period
+        width = self._width - math.copysign(step, command)
+        width = min(max(width, measured_width - spec.gripper_lead_m), measured_width + spec.gripper_lead_m)
+        return min(max(width, -spec.gripper_lead_m), spec.gripper_opening_m)
+
+    def _set_gripper(self, command: float, _measured_width: float) -> float:
+        """Return the opening width [m] at a share of the jaw's travel."""
+        return self._jaw.width_at_share(self._scale[-1] * command)
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
         """Check that the robot is at the pose assumed by its kinematics: at the world origin, not rotated."""
@@ -301,12 +361,12 @@ class ArmController:
 # Class functions instead of bound methods: a reference cycle through the controller, with its inverse kinematics
 # models, would stay in memory until a garbage collection.
 _Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
-_DRIVEN: dict[str, tuple[ActionSpace, _Advance]] = {
-    EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),
-    EE_DELTA_MEASURED.name: (EE_DELTA_MEASURED, ArmController._ee_delta_measured),
-    EE_POSE.name: (EE_POSE, ArmController._ee_pose),
-    JOINT_POSITION.name: (JOINT_POSITION, ArmController._joint_position),
-    JOINT_DELTA.name: (JOINT_DELTA, ArmController._joint_delta),
+_DRIVEN: dict[str, _Advance] = {
+    EE_DELTA.name: ArmController._ee_delta,
+    EE_DELTA_MEASURED.name: ArmController._ee_delta_measured,
+    EE_POSE.name: ArmController._ee_pose,
+    JOINT_POSITION.name: ArmController._joint_position,
+    JOINT_DELTA.name: ArmController._joint_delta,
 }
 
 

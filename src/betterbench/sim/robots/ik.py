@@ -35,24 +35,6 @@ from betterbench.sim.robots.spec import RobotSpec, build_robot_spec
 POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
-ORIENTATION_COST = 0.3
-"""Weight of a rotation error [1/rad]: length of the gripper [m], so that both errors are equal at the wrist."""
-
-POSTURE_COST = 1e-3
-"""Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometer per rad."""
-
-_POSTURE_WEIGHT = POSTURE_COST * POSTURE_COST
-
-STEP_DAMPING = 2e-5
-"""Damping of a control step [1/rad2]: the elbow returns to its posture by 5 % per step, and singular directions are
-damped.
-"""
-
-_STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
-
-REACH_DAMPING = 1e-6
-"""Damping in the iterations of :meth:`ArmIK.reach` [1/rad2]."""
-
 FOLLOW_ITERATIONS = 6
 """Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""
 
@@ -74,18 +56,6 @@ corrects; after 3 cm, the second iteration reduces the error to 0.1 mm.
 
 _REACH_STEP_RAD = 0.3
 """Largest joint step of one iteration of :meth:`ArmIK.reach` [rad]."""
-
-_RESTARTS = (
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2),
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.2),
-    (0.5, 0.4, 0.0, 0.4, 0.0, 0.3, 0.6),
-    (-0.5, 0.4, 0.0, 0.4, 0.0, 0.3, -0.6),
-    (0.0, 0.5, 0.5, -0.3, 0.5, 0.6, 0.0),
-    (0.0, 0.5, -0.5, -0.3, -0.5, 0.6, 0.0),
-)
-"""Offsets from home for further attempts at an unreached pose [rad]."""
-
 
 _Window = tuple[Sequence[float], Sequence[float], float]
 """Joint angles at the beginning of a control step, and the center and size of the allowed lead range [rad]."""
@@ -130,7 +100,12 @@ class ArmIK:
         self._roomy = tuple((low + _FAR * v, high - _FAR * v, v) for low, high, v in self._bounds)
         self._home = self.home.tolist()
         self._gradient, self._newton = np.zeros(n), np.zeros(n)
-        self._weights = np.array([1.0] * 3 + [ORIENTATION_COST**2] * 3)
+        costs = spec.ik
+        self._turn = costs.orientation * costs.orientation
+        self._posture = costs.posture * costs.posture
+        self._slack = costs.rotation_slack_rad
+        self._step_weight, self._reach_damping = self._posture + costs.step_damping, costs.reach_damping
+        self._weights = np.array([1.0] * 3 + [self._turn] * 3)
         self._translation, self._rotation = self._jacobian[:3], self._jacobian[3:]
         self._set_joints, self._set_error = number_writer(self._data.qpos), number_writer(self._error)
         self._set_gradient = number_writer(self._gradient)
@@ -143,7 +118,7 @@ class ArmIK:
     @functools.cached_property
     def _frame(self) -> _FrameProblem:
         """Pose error and Jacobian by mink, for planning only; control steps do not use it."""
-        return _FrameProblem(self._model, self.spec.tcp_site)
+        return _FrameProblem(self._model, self.spec.tcp_site, self.spec.ik.orientation)
 
     def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
         """Return ``T_base_tcp`` at joint angles ``q``, shape (n,) [rad]."""
@@ -173,7 +148,7 @@ class ArmIK:
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
         self._place(q)
-        self._factorize(_STEP_WEIGHT)
+        self._factorize(self._step_weight)
         moved, farthest = self._descent(q, target, (q, centers, lead))
         if farthest > SECOND_ITERATION_RAD:
             self._place(moved)
@@ -232,8 +207,9 @@ class ArmIK:
         """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best result.
 
         The search starts at ``q``, shape (n,) [rad], and with ``restarts`` continues from fixed postures around home;
-        it takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not
-        finite.
+        it takes at most ``iterations`` per start. A rotation error within the robot's ``rotation_slack_rad`` counts as
+        reached; it is the smallest one for an exact position. Raises InvalidInputError if ``q`` has the wrong shape or
+        is not finite.
         """
         start = np.asarray(q, dtype=np.float64)
         if start.shape != self.home.shape or not np.isfinite(start).all():
@@ -245,14 +221,14 @@ class ArmIK:
         starts = [start]
         self._frame.aim(target)
         if restarts:
-            starts += [self.home + np.array(offset) for offset in _RESTARTS]
+            starts += [self.home + np.array(offset) for offset in self.spec.posture_offsets]
         best: IKResult | None = None
         used = 0
         for first in starts:
             inside = np.minimum(np.maximum(first, self.low), self.high)
             found = self._descend(inside, target, position_tolerance_m, rotation_tolerance_rad, iterations)
             used += found.iterations
-            if best is None or (found.converged, -_cost(found)) > (best.converged, -_cost(best)):
+            if best is None or (found.converged, -self._error_of(found)) > (best.converged, -self._error_of(best)):
                 best = found
             if best.converged:
                 break
@@ -270,12 +246,17 @@ class ArmIK:
         :meth:`reach` searches from ``q``. A ``q`` outside the limits is replaced by the nearest angles inside.
         """
         now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
+        last = math.inf
         for _ in range(FOLLOW_ITERATIONS):
             self._place(now)
             x, y, z, rx, ry, rz = self._world_error(target)
-            if math.hypot(x, y, z) <= position_tolerance_m and math.hypot(rx, ry, rz) <= rotation_tolerance_rad:
+            turn = math.hypot(rx, ry, rz)
+            if math.hypot(x, y, z) <= position_tolerance_m and (
+                turn <= rotation_tolerance_rad or (turn <= self._slack and abs(turn - last) <= rotation_tolerance_rad)
+            ):
                 return now
-            self._factorize(_POSTURE_WEIGHT + REACH_DAMPING)
+            last = turn
+            self._factorize(self._posture + self._reach_damping)
             now = self._newton_step(now, (x, y, z, rx, ry, rz))
             if not all(low <= angle <= high for angle, (low, high, _) in zip(now, self._bounds, strict=True)):
                 break
@@ -295,7 +276,7 @@ class ArmIK:
             low = np.maximum(self.low, q - _REACH_STEP_RAD)
             high = np.minimum(self.high, q + _REACH_STEP_RAD)
             before = q
-            q = self._step(q, low, high, self._linearise(q, REACH_DAMPING))
+            q = self._step(q, low, high, self._linearise(q, self._reach_damping))
             tcp = self.forward(q)
             position_error = distance(tcp.position, target.position)
             rotation_error = angle_between(tcp.quaternion, target.quaternion)
@@ -303,9 +284,14 @@ class ArmIK:
                 break
             settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
         q.setflags(write=False)
+        allowed = max(rotation, self._slack)
         return IKResult(
-            q, position_error, rotation_error, position_error <= position and rotation_error <= rotation, count
+            q, position_error, rotation_error, position_error <= position and rotation_error <= allowed, count
         )
+
+    def _error_of(self, result: IKResult) -> float:
+        """Return the weighted error of a result, used to compare unconverged starts."""
+        return POSITION_COST * result.position_error_m + self.spec.ik.orientation * result.rotation_error_rad
 
     def _place(self, q: Sequence[float] | np.ndarray) -> None:
         """Set the joint angles, shape (n,) [rad], and update the poses, but not the data for Jacobians."""
@@ -347,7 +333,7 @@ class ArmIK:
             return moved, reach
         hessian = np.empty_like(self._factor)
         mujoco.mju_sqrMatTD(hessian, self._jacobian, self._weights)
-        hessian.ravel()[:: len(q) + 1] += _STEP_WEIGHT
+        hessian.ravel()[:: len(q) + 1] += self._step_weight
         now, low, high = np.array(q), *map(np.array, self.window(*window))
         inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
         return inside, largest_step(inside, window[0])
@@ -355,11 +341,11 @@ class ArmIK:
     def _newton_step(self, q: Sequence[float], error: tuple[float, float, float, float, float, float]) -> list[float]:
         """Return the joint angles [rad] after one step from ``q``, prepared by :meth:`_factorize`, without bounds."""
         x, y, z, rx, ry, rz = error
-        turn = ORIENTATION_COST * ORIENTATION_COST
+        turn, posture = self._turn, self._posture
         self._set_error(x, y, z, turn * rx, turn * ry, turn * rz)
         mujoco.mju_mulMatTVec(self._gradient, self._jacobian, self._error)
         pulls = zip(self._get_gradient(), q, self._home, strict=True)
-        self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
+        self._set_gradient(*[g - posture * (now - home) for g, now, home in pulls])
         mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
         return list(map(operator.add, q, self._get_newton()))  # two thirds of the time of a loop
 
@@ -367,7 +353,7 @@ class ArmIK:
         """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""
         jacobian, error = self._frame.residual(q)
         hessian = jacobian.T.dot(jacobian)
-        hessian.ravel()[:: len(q) + 1] += _POSTURE_WEIGHT + damping
+        hessian.ravel()[:: len(q) + 1] += self._posture + damping
         return hessian, jacobian, error
 
     def _step(
@@ -375,7 +361,7 @@ class ArmIK:
     ) -> np.ndarray:
         """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds."""
         hessian, jacobian, error = problem
-        gradient = _POSTURE_WEIGHT * (q - self.home) - error.dot(jacobian)
+        gradient = self._posture * (q - self.home) - error.dot(jacobian)
         return self._bounded_step(q, low, high, hessian, gradient)
 
     def _bounded_step(
@@ -407,12 +393,12 @@ class _FrameProblem:
     It uses separate data, so that planning does not affect the data of the control step.
     """
 
-    def __init__(self, model: mujoco.MjModel, site: str) -> None:
+    def __init__(self, model: mujoco.MjModel, site: str, orientation_cost: float) -> None:
         # Imported here: it takes a quarter of a worker's start, and only planning needs it.
         import mink  # noqa: PLC0415
 
         self._configuration = mink.Configuration(model)
-        self._task = mink.FrameTask(site, "site", position_cost=POSITION_COST, orientation_cost=ORIENTATION_COST)
+        self._task = mink.FrameTask(site, "site", position_cost=POSITION_COST, orientation_cost=orientation_cost)
         # The task keeps the target as one array (w, x, y, z, px, py, pz), which is written in place.
         target = mink.SE3(wxyz_xyz=np.array(mink.SE3.identity().wxyz_xyz))
         self._task.transform_target_to_world = target
@@ -432,11 +418,6 @@ class _FrameProblem:
 def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
     """Return the largest change of a joint [rad]."""
     return max(abs(x - now) for x, now in zip(moved, q, strict=True))
-
-
-def _cost(result: IKResult) -> float:
-    """Return the weighted error of a result, used to compare unconverged starts."""
-    return POSITION_COST * result.position_error_m + ORIENTATION_COST * result.rotation_error_rad
 
 
 @functools.cache

@@ -167,6 +167,27 @@ def _connected(count: int, faces: np.ndarray) -> np.ndarray:
             return np.unique(labels, return_inverse=True)[1]
 
 
+def parts_from_bytes(data: bytes) -> tuple[MeshPart, ...]:
+    """Return the parts in the bytes of an NPZ archive, which :func:`parts_as_bytes` has made."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        parts = []
+        for name in stored["names"].tolist():
+            link, _, paint = str(name).rpartition("_")
+            parts.append(MeshPart(link, paint, stored[f"{name}.v"], stored[f"{name}.f"]))
+        return tuple(parts)
+
+
+def parts_as_bytes(parts: tuple[MeshPart, ...], *, compressed: bool = False) -> bytes:
+    """Return an NPZ archive of the parts."""
+    arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
+    for part in parts:
+        arrays[f"{part.name}.v"] = part.vertices
+        arrays[f"{part.name}.f"] = part.faces
+    packed = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(packed, allow_pickle=False, **arrays)
+    return packed.getvalue()
+
+
 def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
     """Return the parts of a cache file, or None if it is missing or damaged."""
     try:
@@ -175,12 +196,7 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
         if seal != content_digest(path.stem, data).encode():
             _log.warning("The mesh cache %s is damaged or was changed; it is made again.", path)
             return None
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-            parts = []
-            for name in stored["names"].tolist():
-                link, _, paint = str(name).rpartition("_")
-                parts.append(MeshPart(link, paint, stored[f"{name}.v"], stored[f"{name}.f"]))
-            return tuple(parts)
+        return parts_from_bytes(data)
     except FileNotFoundError:
         return None
     except Exception:  # noqa: BLE001 - what reading a damaged archive raises
@@ -200,19 +216,14 @@ def _remove_leftovers(folder: Path) -> None:
 
 def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
     """Write the parts under a temporary name and rename. An unwritable cache only makes the next start slower."""
-    arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
-    for part in parts:
-        arrays[f"{part.name}.v"] = part.vertices
-        arrays[f"{part.name}.f"] = part.faces
+    packed = parts_as_bytes(parts)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(path.parent)
         handle, beside = tempfile.mkstemp(dir=path.parent, suffix=f"{_CACHE_SUFFIX}.part")
         try:
-            packed = io.BytesIO()
-            np.savez(packed, allow_pickle=False, **arrays)
             with os.fdopen(handle, "wb") as stream:
-                stream.write(content_digest(path.stem, packed.getvalue()).encode() + b"\n" + packed.getvalue())
+                stream.write(content_digest(path.stem, packed).encode() + b"\n" + packed)
             Path(beside).replace(path)
         except OSError:
             Path(beside).unlink(missing_ok=True)

@@ -9,9 +9,72 @@ from typing import Any, Protocol
 import mujoco
 
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.geometry import Vector
+from betterbench.sim.robots.jaws import Jaw
 
 Progress = Callable[[str, int, int], None]
 """Called with (current work, steps done, total steps) during long work."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """A camera fixed to a body: position, viewed point and upward direction of the image in the body's frame.
+
+    Attributes:
+        position: Position [m].
+        target: Point on the optical axis [m].
+        up: Direction that points upward in the image.
+        fovy_deg: Vertical field of view [degree].
+    """
+
+    position: Vector
+    target: Vector
+    up: Vector
+    fovy_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class IKWeights:
+    """Costs of the inverse kinematics, relative to a position error of 1 m, and the freedom of the tool's rotation.
+
+    An arm with fewer than six joints cannot take every pose: it gets a small cost of rotation, so that positions are
+    exact and rotations as close as the arm can turn, and ``rotation_slack_rad`` says how much of an error is accepted.
+
+    Attributes:
+        orientation: Cost of a rotation error [1/rad].
+        posture: Cost of the distance to the home posture [1/rad].
+        step_damping: Damping of a control step [1/rad2].
+        reach_damping: Damping of an iteration of a search [1/rad2].
+        rotation_slack_rad: Rotation error of a pose that still counts as reached [rad].
+    """
+
+    orientation: float
+    posture: float
+    step_damping: float
+    reach_damping: float
+    rotation_slack_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """Distances of motions that a planner chooses for a robot [m].
+
+    Attributes:
+        carry_heights_m: Heights of the tool center point at which objects are carried across the table, lowest first.
+        detours_m: Points (x, y) of the table over which a path goes if the straight one is not free, for an arm that
+            cannot pass close to its own base.
+        lift_m: Length of the straight approach to an object and of the first lift.
+        retreat_m: Height by which the tool retreats after a release.
+        leave_m: Length of the beginning of a path on which contacts are allowed, because its start cannot be chosen.
+        check_step_m: Distance between checked configurations along a path; a finger must not jump over a wall.
+    """
+
+    carry_heights_m: tuple[float, ...]
+    detours_m: tuple[tuple[float, float], ...]
+    lift_m: float
+    retreat_m: float
+    leave_m: float
+    check_step_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +90,8 @@ class RobotSpec:
         source: Source of kinematics, masses and meshes.
         position_actuators: For each arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
-        gripper_actuator: Position servo of the opening width.
-        finger_joints: Slide joints of the fingers; their sum is the opening width.
+        gripper_actuator: Position servo of the gripper.
+        finger_joints: Joints of the fingers; ``jaw`` relates them to the opening width.
         finger_bodies: Bodies of the left (+y of the gripper) and right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
@@ -43,6 +106,13 @@ class RobotSpec:
         gripper_lead_m: Largest lead of the commanded opening width over the measured one [m].
         control_rate_hz: Rate of actions [Hz].
         reach_m: Largest distance of the flange from the shoulder [m].
+        jaw: Relation between finger joints, gripper servo and opening width.
+        action_spaces: Names of the action spaces that the controller executes, the usual one first.
+        ik: Costs of the inverse kinematics.
+        posture_offsets: Offsets from home from which inverse kinematics also starts, per joint [rad].
+        wrist_camera: Camera on ``hand_body``.
+        front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
+        workspace: Distances of planned motions.
     """
 
     name: str
@@ -53,7 +123,7 @@ class RobotSpec:
     position_actuators: tuple[str, ...]
     velocity_actuators: tuple[str, ...]
     gripper_actuator: str
-    finger_joints: tuple[str, str]
+    finger_joints: tuple[str, ...]
     finger_bodies: tuple[str, str]
     pad_geoms: tuple[str, str]
     hand_body: str
@@ -72,6 +142,13 @@ class RobotSpec:
     gripper_lead_m: float
     control_rate_hz: float
     reach_m: float
+    jaw: Jaw
+    action_spaces: tuple[str, ...]
+    ik: IKWeights
+    posture_offsets: tuple[tuple[float, ...], ...]
+    wrist_camera: CameraMount
+    front_camera: CameraMount | None
+    workspace: Workspace
 
     def __post_init__(self) -> None:
         """Check that the per-joint tuples agree and that home is inside the limits."""
@@ -84,6 +161,10 @@ class RobotSpec:
                     f"{field} has {len(getattr(self, field))} entries",
                     f"Give one per joint ({n})",
                 )
+        if any(len(offset) != n for offset in self.posture_offsets):
+            raise InvalidInputError(
+                f"robot {self.name!r}", "an entry of posture_offsets has another length", f"Give {n} angles in each"
+            )
         for joint, low, home, high in zip(
             self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True
         ):

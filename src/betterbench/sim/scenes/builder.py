@@ -21,7 +21,7 @@ from betterbench.sim.scenes.appearance import look_of
 from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.sim.scenes.rooms import Room
-from betterbench.sim.scenes.stage import Quality, add_wrist_camera, stage_spec
+from betterbench.sim.scenes.stage import WRIST_CAMERA, Quality, add_mounted_camera, stage_spec
 from betterbench.tasks import Condition, Looks, ObjectSpec, TargetRegion, Task, stream
 from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose
 from betterbench.tasks.relations import relation as relation_named
@@ -202,10 +202,10 @@ def _compile(
     placements: tuple[Placement, ...], quality: Quality, key: str, robot_name: str, room: Room
 ) -> CompiledScene:
     description = robot(robot_name)
-    spec = stage_spec(quality, room=room)
+    spec = stage_spec(quality, room=room, front=description.front_camera)
     arm = build_robot_spec(robot_name)
     spec.worldbody.add_frame().attach_body(arm.worldbody.first_body(), ROBOT_PREFIX, "")
-    add_wrist_camera(spec.body(ROBOT_PREFIX + description.hand_body))
+    add_mounted_camera(spec.body(ROBOT_PREFIX + description.hand_body), WRIST_CAMERA, description.wrist_camera)
     names = [f"object{i}_{p.asset.category}" for i, p in enumerate(placements)]
     for name, p in zip(names, placements, strict=True):
         add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))

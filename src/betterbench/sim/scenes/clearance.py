@@ -46,6 +46,7 @@ class Clearance:
             self._model.body_conaffinity[self._model.geom_bodyid[self._geoms[i]]] = 0
         self._held = -1
         self._arm, self._fingers = scene.arm_addresses.tolist(), scene.finger_addresses.tolist()
+        self._jaw = self._compiled.robot.jaw
         self._numbers = numbers_of(self._data.qpos)
 
     def load(self, state: WorldState) -> None:
@@ -84,8 +85,8 @@ class Clearance:
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):
             self._numbers[address] = angle
-        for address in self._fingers:
-            self._numbers[address] = 0.5 * finger_width_m
+        for address, position in zip(self._fingers, self._jaw.joints_at(finger_width_m), strict=True):
+            self._numbers[address] = position
         held_index = -1
         if held is not None and held_pose is not None:
             held_index = self._index[held]

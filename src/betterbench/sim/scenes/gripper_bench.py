@@ -68,7 +68,7 @@ class GripperBench:
         model.body(TOOL_BODY).quat[:] = target.quaternion
         self._carrier = [model.actuator(name).id for name in CARRIER_JOINTS]
         self._gripper = model.actuator(PREFIX + robot.gripper_actuator).id
-        self._closed = float(model.actuator_ctrlrange[self._gripper, 0])
+        self._jaw, self._closed = robot.jaw, -robot.gripper_lead_m
         self._speed = robot.gripper_speed_m_s
         self._asset = model.joint("asset_joint").qposadr[0]
         data.qpos[self._asset : self._asset + 7] = (*rest.position, *rest.quaternion)
@@ -78,13 +78,13 @@ class GripperBench:
         for name, value in zip(CARRIER_JOINTS, self.at, strict=True):
             data.qpos[model.joint(name).qposadr[0]] = value
         self.width = min(robot.gripper_opening_m, grasp.width_m + 2.0 * grasp.clearance_m)
-        for finger in robot.finger_joints:
-            data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * self.width
+        for finger, position in zip(robot.finger_joints, self._jaw.joints_at(self.width), strict=True):
+            data.qpos[model.joint(PREFIX + finger).qposadr[0]] = position
         self._command()
 
     def _command(self) -> None:
         self._data.ctrl[self._carrier] = self.at
-        self._data.ctrl[self._gripper] = self.width
+        self._data.ctrl[self._gripper] = self._jaw.control_at(self.width)
 
     def move(self, to: np.ndarray, speed: float) -> None:
         """Move the gripper straight to a point [m] with a smooth start and end, at a mean ``speed`` [m/s]."""

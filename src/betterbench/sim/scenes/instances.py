@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE
-from betterbench.sim.robots import robot
+from betterbench.sim.robots import RobotSpec, robot, robot_names
 
 ROBOT_PREFIX = "robot/"
 """Prefix for the names of the robot's parts in a scene model."""
@@ -28,13 +28,23 @@ def object_bodies(model: mujoco.MjModel) -> np.ndarray:
     return np.array([found[i] for i in sorted(found)], dtype=np.int64)
 
 
-def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> np.ndarray:
+def robot_in(model: mujoco.MjModel) -> RobotSpec | None:
+    """Return the robot whose gripper is in a scene model, or None without a robot."""
+    bodies = {model.body(body).name.removeprefix(ROBOT_PREFIX) for body in range(model.nbody)}
+    for name in robot_names():
+        known = robot(name)
+        if bodies.issuperset((known.hand_body, *known.finger_bodies)):
+            return known
+    return None
+
+
+def instances_of_bodies(model: mujoco.MjModel) -> np.ndarray:
     """Return each body's instance id, (nbody,) uint16; all links of the arm are one instance."""
-    description = robot(robot_name)
+    description = robot_in(model)
     instances = np.full(model.nbody, 1 + STAGE.index("other"), dtype=np.uint16)
     for body in range(model.nbody):
         name = "floor" if body == 0 else model.body(body).name
-        if name.startswith(ROBOT_PREFIX):
+        if name.startswith(ROBOT_PREFIX) and description is not None:
             name = description.contact_name(name.removeprefix(ROBOT_PREFIX)) or "arm"
         if name in STAGE:
             instances[body] = 1 + STAGE.index(name)

@@ -147,7 +147,7 @@ class Scene:
         c = self.compiled
         qpos: np.ndarray = self.model.qpos0.copy()
         qpos[self._arm_qpos] = start_joints_of(self.task.id, self.seed, c.robot)
-        qpos[self._finger_qpos] = 0.5 * c.robot.gripper_opening_m
+        qpos[self._finger_qpos] = c.robot.jaw.joints_at(c.robot.gripper_opening_m)
         for i, placement in enumerate(self.placements):
             address = c.qpos_addresses[i]
             if placement.shut is not None:
@@ -207,12 +207,12 @@ class Scene:
 
     @property
     def arm_addresses(self) -> np.ndarray:
-        """(7,) indices of the arm joints into qpos."""
+        """(n,) indices of the arm joints into qpos."""
         return self._arm_qpos
 
     @property
     def finger_addresses(self) -> np.ndarray:
-        """(2,) indices of the finger joints into qpos."""
+        """Indices of the finger joints into qpos, (2,) for two moving fingers."""
         return self._finger_qpos
 
     @property
@@ -317,13 +317,13 @@ class Scene:
         Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
         applied = self.controller.apply(self._data, action, measured=self._tool_pose())
+        self._gripper_command = self.controller.gripper_command(applied, self._gripper_command)
         if self.condition.expected is Expected.SUCCEED:
             mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
         else:
             self._step_and_watch()
         mujoco.mj_kinematics(self.model, self._data)
         self._views_are_placed, self._tool = False, None
-        self._gripper_command = applied.item(-1)
         self._step += 1
         return applied
 

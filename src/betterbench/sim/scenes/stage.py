@@ -12,7 +12,7 @@ name                 position [m]               purpose
 ``front_official``   (1.6, 0, 0.9)              the wider view of the official preset
 ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
 ``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
-``wrist``            on the gripper             added by :func:`add_wrist_camera`
+``wrist``            on the gripper             added with the robot (:class:`RobotSpec`)
 ===================  =========================  ==========================================================
 
 The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes only
@@ -34,6 +34,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
 from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.robots.spec import CameraMount
 from betterbench.sim.scenes.rooms import ROOMS, Light, Room
 from betterbench.sim.scenes.surfaces import SURFACES
 
@@ -54,6 +55,9 @@ CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
 
 WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
+
+FRONT_CAMERA = CameraMount((1.45, 0.0, 0.95), (0.49, 0.0, 0.095), (0.0, 0.0, 1.0), 27.5)
+"""Front camera of a stage, unless the robot names its own."""
 
 KEY_LIGHT = "key"
 """Name of the light that may cast a shadow."""
@@ -143,11 +147,12 @@ def quality_preset(name: str) -> Quality:
         raise UnknownNameError("quality", name, QUALITIES) from None
 
 
-def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
+def stage_spec(quality: Quality, *, room: Room = ROOMS[0], front: CameraMount | None = None) -> mujoco.MjSpec:
     """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
-    The caller attaches the robot, adds objects and compiles. Calls with equal arguments describe the same model and
-    share nothing. The quality is written to the visual settings, so that other viewers show the same as the renderer.
+    The caller attaches the robot, adds objects and compiles; ``front`` replaces the front camera. Calls with equal
+    arguments describe the same model and share nothing. The quality is written to the visual settings, so that other
+    viewers show the same as the renderer.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
@@ -156,20 +161,13 @@ def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
     _add_materials(spec, room)
     _add_furniture(spec)
     _add_lights(spec, room.light)
-    _add_cameras(spec)
+    _add_cameras(spec, front or FRONT_CAMERA)
     return spec
 
 
-def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
-    """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera mounted at the flange.
-
-    In the hand frame, z points out between the fingers (fingertips at about 0.11 m), y is the finger opening direction,
-    and x points away from the robot when the hand points down. The camera looks past the fingers at the object to
-    grasp. The image's up direction is the hand's +x: with the hand pointing down, up is away from the robot and left is
-    the robot's left.
-    """
-    position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
-    return add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
+def add_mounted_camera(body: mujoco.MjsBody, name: str, mount: CameraMount) -> mujoco.MjsCamera:
+    """Add a robot's camera to the body that carries it."""
+    return add_camera(body, name, mount.position, mount.target, up=mount.up, fovy_deg=mount.fovy_deg)
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
@@ -290,10 +288,10 @@ def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
         )
 
 
-def _add_cameras(spec: mujoco.MjSpec) -> None:
+def _add_cameras(spec: mujoco.MjSpec, front: CameraMount) -> None:
     """Add the four fixed cameras."""
     world = spec.worldbody
-    add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
+    add_mounted_camera(world, "front", front)
     # Positions and lens from the paper's own release; all three cameras look at the table's center.
     add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
     add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)

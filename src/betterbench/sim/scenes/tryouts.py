@@ -184,7 +184,8 @@ def gripper_poses(width_m: float) -> dict[str, Pose]:
     robot = add_floating_gripper(spec)
     model = spec.compile()
     data = mujoco.MjData(model)
-    for finger in robot.finger_joints:
-        data.qpos[model.joint(PREFIX + finger).qposadr[0]] = 0.5 * min(width_m, robot.gripper_opening_m)
+    opened = robot.jaw.joints_at(min(width_m, robot.gripper_opening_m))
+    for finger, position in zip(robot.finger_joints, opened, strict=True):
+        data.qpos[model.joint(PREFIX + finger).qposadr[0]] = position
     mujoco.mj_kinematics(model, data)
     return {name: _pose(data, PREFIX + name) for name in (robot.hand_body, *robot.finger_bodies)}

@@ -21,17 +21,27 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from betterbench.interface.actions import ACTION_SPACES
+from betterbench.sim.robots.building import (
+    COLLIDES,
+    FIRM,
+    SEEN,
+    Link,
+    Shape,
+    about,
+    add_joint_servos,
+    add_link,
+    add_servo,
+)
+from betterbench.sim.robots.jaws import ParallelJaw
 from betterbench.sim.robots.meshes import MeshPart, visual_parts
 from betterbench.sim.robots.physics import PHYSICS
-from betterbench.sim.robots.spec import Progress, RobotSpec, register_robot
+from betterbench.sim.robots.spec import CameraMount, IKWeights, Progress, RobotSpec, Workspace, register_robot
 
-VISUAL_GROUP = 2
-COLLISION_GROUP = 3
 FACE_BUDGET = 7600
 """Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design,
 section 3).
@@ -48,204 +58,152 @@ PAD_FRICTION = (1.2, 0.01, 0.0001)
 solver default.
 """
 
-PAD_SOLREF = (0.006, 1.0)
-"""Time constant [s] and damping ratio of pad contacts, three physics steps: firm rubber. MuJoCo's default of 20 ms
-lets a pad sink 1.3 mm into an object at full force.
-"""
-
-PAD_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
-"""Impedance of pad contacts; see :data:`PAD_SOLREF`."""
-
-PAD_SOLMIX = 50.0
-"""Weight of the pad's contact parameters against the object's; unlike a higher priority it keeps the larger
-friction."""
-
 _HALF_PI = 0.5 * math.pi
 
 
-@dataclass(frozen=True, slots=True)
-class _Shape:
-    """A collision primitive in the frame of its link [m].
-
-    A "capsule" or "cylinder" goes from ``start`` to ``end``; a "box" has its center at ``start`` and ``end`` as its
-    half extents, and is rotated about the link's x axis by ``turn_x`` [rad].
-    """
-
-    kind: str
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float = 0.0
-    turn_x: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Link:
-    """One link: its pose in its parent, its inertia and its collision shapes.
-
-    Attributes:
-        name: Body name; also the stem of its mesh file.
-        position: Joint origin in the parent link [m].
-        turn: Rotation of the link in its parent at zero joint angle: (axis, angle [rad]).
-        mass: Mass [kg].
-        com: Center of mass in the link frame [m].
-        inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
-        shapes: Collision primitives.
-        armature: Reflected rotor inertia of the link's joint [kg m2]; 0 for a link without a joint.
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    turn: tuple[str, float]
-    mass: float
-    com: tuple[float, float, float]
-    inertia: tuple[float, float, float, float, float, float]
-    shapes: tuple[_Shape, ...]
-    armature: float = 0.0
-
-
 _LINKS = (
-    _Link(
+    Link(
         "link0",
         (0.0, 0.0, 0.0),
-        ("z", 0.0),
+        about("z", 0.0),
         0.629769,
         (-0.041018, -0.00014, 0.049974),
         (0.00315, 0.00388, 0.004285, 8.2904e-07, 0.00015, 8.2299e-06),
         (
-            _Shape("box", (-0.042, 0.0, 0.010), (0.111, 0.092, 0.010)),
-            _Shape("box", (-0.034, 0.0, 0.048), (0.096, 0.076, 0.030)),
-            _Shape("box", (-0.030, 0.0, 0.091), (0.066, 0.064, 0.015)),
-            _Shape("cylinder", (0.0, 0.0, 0.020), (0.0, 0.0, 0.140), 0.057),
+            Shape("box", (-0.042, 0.0, 0.010), (0.111, 0.092, 0.010)),
+            Shape("box", (-0.034, 0.0, 0.048), (0.096, 0.076, 0.030)),
+            Shape("box", (-0.030, 0.0, 0.091), (0.066, 0.064, 0.015)),
+            Shape("cylinder", (0.0, 0.0, 0.020), (0.0, 0.0, 0.140), 0.057),
         ),
     ),
-    _Link(
+    Link(
         "link1",
         (0.0, 0.0, 0.333),
-        ("z", 0.0),
+        about("z", 0.0),
         4.970684,
         (0.003875, 0.002081, -0.04762),
         (0.70337, 0.70661, 0.009117, -0.000139, 0.006772, 0.019169),
         (
-            _Shape("cylinder", (0.0, 0.0, -0.192), (0.0, 0.0, -0.100), 0.055),
-            _Shape("capsule", (0.0, -0.012, -0.110), (0.0, -0.060, -0.035), 0.049),
-            _Shape("cylinder", (0.0, -0.122, 0.0), (0.0, 0.0, 0.0), 0.055),
+            Shape("cylinder", (0.0, 0.0, -0.192), (0.0, 0.0, -0.100), 0.055),
+            Shape("capsule", (0.0, -0.012, -0.110), (0.0, -0.060, -0.035), 0.049),
+            Shape("cylinder", (0.0, -0.122, 0.0), (0.0, 0.0, 0.0), 0.055),
         ),
         armature=0.6057,
     ),
-    _Link(
+    Link(
         "link2",
         (0.0, 0.0, 0.0),
-        ("x", -_HALF_PI),
+        about("x", -_HALF_PI),
         0.646926,
         (-0.003141, -0.02872, 0.003495),
         (0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704),
         (
-            _Shape("cylinder", (0.0, -0.194, 0.0), (0.0, -0.100, 0.0), 0.055),
-            _Shape("capsule", (0.0, -0.110, 0.012), (0.0, -0.035, 0.060), 0.049),
-            _Shape("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.122), 0.055),
+            Shape("cylinder", (0.0, -0.194, 0.0), (0.0, -0.100, 0.0), 0.055),
+            Shape("capsule", (0.0, -0.110, 0.012), (0.0, -0.035, 0.060), 0.049),
+            Shape("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.122), 0.055),
         ),
         armature=0.6057,
     ),
-    _Link(
+    Link(
         "link3",
         (0.0, -0.316, 0.0),
-        ("x", _HALF_PI),
+        about("x", _HALF_PI),
         3.228604,
         (0.027518, 0.039252, -0.066502),
         (0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805),
         (
-            _Shape("cylinder", (0.0, 0.0, -0.121), (0.0, 0.0, -0.030), 0.055),
-            _Shape("capsule", (0.0075, 0.015, -0.060), (0.0725, 0.050, -0.010), 0.050),
-            _Shape("cylinder", (0.0825, 0.0, 0.0), (0.0825, 0.106, 0.0), 0.054),
+            Shape("cylinder", (0.0, 0.0, -0.121), (0.0, 0.0, -0.030), 0.055),
+            Shape("capsule", (0.0075, 0.015, -0.060), (0.0725, 0.050, -0.010), 0.050),
+            Shape("cylinder", (0.0825, 0.0, 0.0), (0.0825, 0.106, 0.0), 0.054),
         ),
         armature=0.4625,
     ),
-    _Link(
+    Link(
         "link4",
         (0.0825, 0.0, 0.0),
-        ("x", _HALF_PI),
+        about("x", _HALF_PI),
         3.587895,
         (-0.05317, 0.104419, 0.027454),
         (0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641),
         (
-            _Shape("cylinder", (-0.0825, 0.030, 0.0), (-0.0825, 0.124, 0.0), 0.055),
-            _Shape("capsule", (-0.075, 0.063, 0.015), (-0.010, 0.010, 0.050), 0.050),
-            _Shape("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.106), 0.054),
+            Shape("cylinder", (-0.0825, 0.030, 0.0), (-0.0825, 0.124, 0.0), 0.055),
+            Shape("capsule", (-0.075, 0.063, 0.015), (-0.010, 0.010, 0.050), 0.050),
+            Shape("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.106), 0.054),
         ),
         armature=0.4625,
     ),
-    _Link(
+    Link(
         "link5",
         (-0.0825, 0.384, 0.0),
-        ("x", -_HALF_PI),
+        about("x", -_HALF_PI),
         1.225946,
         (-0.011953, 0.041065, -0.038437),
         (0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229),
         (
-            _Shape("cylinder", (0.0, 0.0, -0.259), (0.0, 0.0, -0.190), 0.055),
-            _Shape("capsule", (0.0, 0.020, -0.200), (0.0, 0.070, -0.150), 0.040),
-            _Shape("box", (0.0, 0.087, -0.095), (0.032, 0.024, 0.060), turn_x=-0.11),
-            _Shape("cylinder", (0.0, 0.016, 0.0), (0.0, 0.126, 0.0), 0.051),
+            Shape("cylinder", (0.0, 0.0, -0.259), (0.0, 0.0, -0.190), 0.055),
+            Shape("capsule", (0.0, 0.020, -0.200), (0.0, 0.070, -0.150), 0.040),
+            Shape("box", (0.0, 0.087, -0.095), (0.032, 0.024, 0.060), turn=("x", -0.11)),
+            Shape("cylinder", (0.0, 0.016, 0.0), (0.0, 0.126, 0.0), 0.051),
         ),
         armature=0.2055,
     ),
-    _Link(
+    Link(
         "link6",
         (0.0, 0.0, 0.0),
-        ("x", _HALF_PI),
+        about("x", _HALF_PI),
         1.666555,
         (0.060149, -0.014117, -0.010517),
         (0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341),
         (
-            _Shape("cylinder", (0.0, 0.0, -0.015), (0.0, 0.0, 0.055), 0.048),
-            _Shape("box", (0.045, 0.004, 0.018), (0.035, 0.050, 0.036)),
-            _Shape("cylinder", (0.088, -0.051, 0.0), (0.088, 0.080, 0.0), 0.044),
+            Shape("cylinder", (0.0, 0.0, -0.015), (0.0, 0.0, 0.055), 0.048),
+            Shape("box", (0.045, 0.004, 0.018), (0.035, 0.050, 0.036)),
+            Shape("cylinder", (0.088, -0.051, 0.0), (0.088, 0.080, 0.0), 0.044),
         ),
         armature=0.2055,
     ),
-    _Link(
+    Link(
         "link7",
         (0.088, 0.0, 0.0),
-        ("x", _HALF_PI),
+        about("x", _HALF_PI),
         0.735522,
         (0.010517, -0.004252, 0.061597),
         (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741),
         (
-            _Shape("cylinder", (0.0, 0.0, 0.052), (0.0, 0.0, 0.107), 0.044),
-            _Shape("capsule", (0.020, 0.020, 0.080), (0.057, 0.057, 0.080), 0.020),
-            _Shape("capsule", (0.067, 0.026, 0.081), (0.026, 0.067, 0.081), 0.015),
+            Shape("cylinder", (0.0, 0.0, 0.052), (0.0, 0.0, 0.107), 0.044),
+            Shape("capsule", (0.020, 0.020, 0.080), (0.057, 0.057, 0.080), 0.020),
+            Shape("capsule", (0.067, 0.026, 0.081), (0.026, 0.067, 0.081), 0.015),
         ),
         armature=0.2055,
     ),
 )
 
-_HAND = _Link(
+_HAND = Link(
     "hand",
     (0.0, 0.0, 0.107),
-    ("z", -0.25 * math.pi),
+    about("z", -0.25 * math.pi),
     0.73,
     (-0.01, 0.0, 0.03),
     (0.001, 0.0025, 0.0017, 0.0, 0.0, 0.0),
     (
-        _Shape("box", (0.0, 0.0, 0.028), (0.023, 0.101, 0.038)),
-        _Shape("box", (0.0, 0.0, 0.003), (0.031, 0.053, 0.007)),
-        _Shape("box", (0.0, -0.069, -0.017), (0.006, 0.025, 0.009)),
+        Shape("box", (0.0, 0.0, 0.028), (0.023, 0.101, 0.038)),
+        Shape("box", (0.0, 0.0, 0.003), (0.031, 0.053, 0.007)),
+        Shape("box", (0.0, -0.069, -0.017), (0.006, 0.025, 0.009)),
     ),
 )
 
-_FINGER = _Link(
+_FINGER = Link(
     "finger",
     (0.0, 0.0, 0.0584),
-    ("z", 0.0),
+    about("z", 0.0),
     0.015,
     # The mesh spans 54 mm; the public description puts the center of mass at the finger frame, which is kept.
     (0.0, 0.0, 0.0),
     (2.375e-06, 2.375e-06, 7.5e-07, 0.0, 0.0, 0.0),
     (
-        _Shape("box", (0.0, 0.0185, 0.011), (0.0110, 0.0075, 0.010)),
-        _Shape("box", (0.0, 0.0068, 0.0022), (0.0110, 0.0044, 0.0019)),
-        _Shape("box", (0.0, 0.0159, 0.0284), (0.00875, 0.0035, 0.0118), turn_x=math.pi / 6.0),
-        _Shape("box", (0.0, 0.0115, 0.0450), (0.00875, 0.0035, 0.0090)),
+        Shape("box", (0.0, 0.0185, 0.011), (0.0110, 0.0075, 0.010)),
+        Shape("box", (0.0, 0.0068, 0.0022), (0.0110, 0.0044, 0.0019)),
+        Shape("box", (0.0, 0.0159, 0.0284), (0.00875, 0.0035, 0.0118), turn=("x", math.pi / 6.0)),
+        Shape("box", (0.0, 0.0115, 0.0450), (0.00875, 0.0035, 0.0090)),
     ),
     # The Franka Hand's spindle drive is not back-drivable; 0.1 kg per finger represents its reflected inertia.
     armature=0.1,
@@ -304,6 +262,41 @@ PANDA = RobotSpec(
     gripper_lead_m=0.012,
     control_rate_hz=PHYSICS.control_rate_hz,
     reach_m=0.855,
+    jaw=ParallelJaw(0.08),
+    action_spaces=tuple(ACTION_SPACES),
+    ik=IKWeights(
+        # The length of the gripper [m], so that errors of position and rotation are equal at the wrist.
+        orientation=0.3,
+        # Displaces the tool by about its square, 1 micrometer per rad.
+        posture=1e-3,
+        # The elbow returns to its posture by 5 % per step, and singular directions are damped.
+        step_damping=2e-5,
+        reach_damping=1e-6,
+        rotation_slack_rad=0.0,
+    ),
+    posture_offsets=(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2),
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.2),
+        (0.5, 0.4, 0.0, 0.4, 0.0, 0.3, 0.6),
+        (-0.5, 0.4, 0.0, 0.4, 0.0, 0.3, -0.6),
+        (0.0, 0.5, 0.5, -0.3, 0.5, 0.6, 0.0),
+        (0.0, 0.5, -0.5, -0.3, -0.5, 0.6, 0.0),
+    ),
+    # Like a depth camera mounted at the flange. In the hand frame, z points out between the fingers (fingertips at
+    # about 0.11 m), y is the finger opening direction, and x points away from the robot when the hand points down. The
+    # camera looks past the fingers at the object to grasp. With the hand pointing down, up in the image is away from
+    # the robot and left is the robot's left.
+    wrist_camera=CameraMount((0.068, 0.0, 0.020), (0.035, 0.0, 0.16), (1.0, 0.0, 0.0), 70.0),
+    front_camera=None,
+    workspace=Workspace(
+        carry_heights_m=(0.22, 0.27, 0.32, 0.38),
+        detours_m=(),
+        lift_m=0.08,
+        retreat_m=0.12,
+        leave_m=0.05,
+        check_step_m=0.03,
+    ),
 )
 
 _PAINTS = {"shell": (0.93, 0.93, 0.92, 1.0), "trim": (0.80, 0.81, 0.82, 1.0), "dark": (0.16, 0.17, 0.18, 1.0)}
@@ -355,7 +348,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
     body = spec.worldbody
     bodies: dict[str, mujoco.MjsBody] = {}
     for index, link in enumerate(_LINKS):
-        body = _add_link(body, link, link.name)
+        body = add_link(body, link, gravcomp=1.0)
         bodies[link.name] = body
         if index > 0:
             body.add_joint(
@@ -367,7 +360,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
                 # Limit on the total servo torque of this joint; gravity compensation is not included.
                 actfrcrange=(-PANDA.joint_effort[index - 1], PANDA.joint_effort[index - 1]),
             )
-    hand = _add_link(body, _HAND, PANDA.hand_body)
+    hand = add_link(body, _HAND, gravcomp=1.0)
     bodies["hand"] = hand
     hand.add_site(name=PANDA.tcp_site, pos=(0.0, 0.0, 0.1034), size=(0.004, 0.004, 0.004), group=4)
     _add_fingers(spec, hand)
@@ -378,52 +371,10 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
     return spec
 
 
-def _add_link(parent: mujoco.MjsBody, link: _Link, name: str, *, mirrored: bool = False) -> mujoco.MjsBody:
-    """Add a link's body with inertia and collision shapes; ``mirrored`` rotates it by half a turn about its z axis."""
-    axis, angle = link.turn
-    if mirrored:
-        axis, angle = "z", math.pi
-    half = 0.5 * angle
-    quaternion = (math.cos(half), math.sin(half) * (axis == "x"), 0.0, math.sin(half) * (axis == "z"))
-    xx, yy, zz, xy, xz, yz = link.inertia
-    body = parent.add_body(
-        name=name,
-        pos=link.position,
-        quat=quaternion,
-        mass=link.mass,
-        ipos=link.com,
-        fullinertia=(xx, yy, zz, xy, xz, yz),
-        explicitinertial=True,
-        gravcomp=1.0,
-    )
-    for number, shape in enumerate(link.shapes):
-        _add_shape(body, shape, f"{name}_collision{number}")
-    return body
-
-
-def _add_shape(body: mujoco.MjsBody, shape: _Shape, name: str) -> None:
-    """Add one collision primitive to a body."""
-    if shape.kind == "box":
-        body.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=shape.start,
-            size=shape.end,
-            quat=(math.cos(0.5 * shape.turn_x), math.sin(0.5 * shape.turn_x), 0.0, 0.0),
-            **_COLLIDES,
-        )
-        return
-    kind = mujoco.mjtGeom.mjGEOM_CAPSULE if shape.kind == "capsule" else mujoco.mjtGeom.mjGEOM_CYLINDER
-    body.add_geom(name=name, type=kind, fromto=(*shape.start, *shape.end), size=(shape.radius, 0.0, 0.0), **_COLLIDES)
-
-
-_COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "rgba": (0.9, 0.4, 0.1, 0.5)}
-
-
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
     """Add both fingers with their pads, coupled so that the object stays in the center of the gripper."""
     for index, name in enumerate(PANDA.finger_bodies):
-        finger = _add_link(hand, _FINGER, name, mirrored=index == 1)
+        finger = add_link(hand, _FINGER, name, quaternion=about("z", index * math.pi), gravcomp=1.0)
         finger.add_joint(
             name=PANDA.finger_joints[index],
             type=mujoco.mjtJoint.mjJNT_SLIDE,
@@ -438,10 +389,8 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
             pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTER_Z),
             size=PAD_HALF_SIZE,
             friction=PAD_FRICTION,
-            solref=PAD_SOLREF,
-            solimp=PAD_SOLIMP,
-            solmix=PAD_SOLMIX,
-            **_COLLIDES,
+            **FIRM,
+            **COLLIDES,
         )
     spec.add_equality(
         name="finger_coupling",
@@ -456,52 +405,25 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
 
 
 def _add_servos(spec: mujoco.MjSpec) -> None:
-    """Add the joint servos and the gripper's.
-
-    Each arm joint has two servos with the same control, the joint's reference velocity [rad/s]. The first integrates it
-    to a reference position (its activation) and pulls with the stiffness; the second damps toward the reference
-    velocity itself. The reference therefore moves evenly within a control step, and a moving arm does not lag by
-    damping over stiffness, as it does with a position servo.
-
-    The gripper's servo takes the opening width [m] and acts on both fingers equally through a tendon with that length.
-    """
-    for joint, position, velocity, stiffness, damping, low, high in zip(
-        PANDA.arm_joints,
-        PANDA.position_actuators,
-        PANDA.velocity_actuators,
-        SERVO_STIFFNESS,
-        SERVO_DAMPING,
-        PANDA.joint_low,
-        PANDA.joint_high,
-        strict=True,
-    ):
-        servo = _add_servo(spec, position, joint, gain=stiffness, bias=(0.0, -stiffness, 0.0))
-        servo.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
-        servo.actlimited = True
-        servo.actrange = (low, high)
-        _add_servo(spec, velocity, joint, gain=damping, bias=(0.0, 0.0, -damping))
+    """Add the joint servos and the gripper's, which takes the opening width [m] and acts on both fingers equally."""
+    add_joint_servos(
+        spec,
+        (PANDA.arm_joints, PANDA.position_actuators, PANDA.velocity_actuators),
+        stiffness=SERVO_STIFFNESS,
+        damping=SERVO_DAMPING,
+        limits=tuple(zip(PANDA.joint_low, PANDA.joint_high, strict=True)),
+    )
     width = spec.add_tendon(name="pad_distance")
     for joint in PANDA.finger_joints:
         width.wrap_joint(joint, 1.0)
     bias = (0.0, -_GRIPPER_STIFFNESS, -_GRIPPER_DAMPING)
-    gripper = _add_servo(spec, PANDA.gripper_actuator, "pad_distance", gain=_GRIPPER_STIFFNESS, bias=bias)
+    gripper = add_servo(spec, PANDA.gripper_actuator, "pad_distance", gain=_GRIPPER_STIFFNESS, bias=bias)
     gripper.trntype = mujoco.mjtTrn.mjTRN_TENDON
     gripper.ctrllimited = True
     # Below zero, so that the full force also holds the thinnest object.
     gripper.ctrlrange = (-PANDA.gripper_lead_m, PANDA.gripper_opening_m)
     gripper.forcelimited = True
     gripper.forcerange = (-_GRIPPER_FORCE_N, _GRIPPER_FORCE_N)
-
-
-def _add_servo(
-    spec: mujoco.MjSpec, name: str, target: str, *, gain: float, bias: tuple[float, float, float]
-) -> mujoco.MjsActuator:
-    """Add a servo to a joint with a force of ``gain`` times the control, plus ``bias`` times (1, length, velocity)."""
-    servo = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    servo.gainprm[0] = gain
-    servo.biasprm[:3] = bias
-    return servo
 
 
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
@@ -522,7 +444,6 @@ def _visuals() -> tuple[MeshPart, ...]:
 
 def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progress: Progress | None) -> None:
     """Add the decimated meshes to the bodies, and the rubber of the pads, which the meshes show only in part."""
-    seen = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
     fingers = [spec.body(name) for name in PANDA.finger_bodies]
     parts = _visuals() if progress is None else visual_parts(_SHARES, _paint, faces=FACE_BUDGET, progress=progress)
     for part in parts:
@@ -536,7 +457,7 @@ def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progres
                 type=mujoco.mjtGeom.mjGEOM_MESH,
                 meshname=part.name,
                 material=f"panda_{part.paint}",
-                **seen,
+                **SEEN,
             )
     for body in fingers:
         body.add_geom(
@@ -545,7 +466,7 @@ def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progres
             pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTER_Z),
             size=np.array(PAD_HALF_SIZE),
             material="panda_dark",
-            **seen,
+            **SEEN,
         )
 
 
