@@ -353,6 +353,21 @@ def test_a_habit_that_explains_every_wrong_attempt_is_the_conclusion_although_th
     assert not headline_of(run).conclusion.startswith("It does not use the instruction")
 
 
+def test_an_instruction_that_is_not_used_comes_before_several_forms_of_failure():
+    """Its wrong attempts fit a habit, a skipped step or no rule, depending on the scene."""
+    labels = [Label.VISUAL_LAYOUT_BIAS] * 4 + [Label.BEHAVIORAL_INERTIA] * 3 + [Label.CAUSAL_CONFUSION] * 2
+    run = diagnosis([*trained(range(9)), *(t for s, label in enumerate(labels) for t in varied([s], label))])
+    assert headline_of(run).conclusion.startswith("Its failures of reasoning have several forms")
+    said = headline_of(with_unused_instruction(run)).conclusion
+    assert said.startswith("It does not use the instruction: the first target is the same in 12 of 12 pairs")
+
+
+def test_objects_left_where_the_target_stood_in_training_are_said_to_be():
+    spots = varied(range(6), Label.BEHAVIORAL_INERTIA, rule="memorized_spot")
+    said = headline_of(diagnosis([*trained(range(6)), *spots])).conclusion
+    assert said == "It puts objects where their target stood in training, although the target is elsewhere."
+
+
 def test_an_instruction_that_is_not_used_is_said_although_the_variations_are_solved():
     run = diagnosis([*trained(range(12)), *trained(range(12, 24), Label.VISUAL_LAYOUT_BIAS), *varied(range(9))])
     said = headline_of(with_unused_instruction(run)).conclusion

@@ -262,7 +262,8 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         return _training_alone(diagnosis, training)
     main = main_failure(varied)
     found = _by_failures(diagnosis, varied, training, gap)
-    said = main is Label.VISUAL_LAYOUT_BIAS and found[1] == LEGEND[main].family
+    failed = [trial for trial in varied if _has_failed(trial)]
+    said = main is Label.VISUAL_LAYOUT_BIAS and found[1] == LEGEND[main].family and _is_majority(failed, main)
     explained = sum(trial.label is Label.VISUAL_LAYOUT_BIAS for trial in trials) < FEW
     settled = found[2].supported and (said or explained)
     unused = None if settled or (main is not None and main.kind is Kind.SYSTEM) else _unused_instruction(diagnosis)
@@ -365,17 +366,27 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
     return told, entry.family, replace(claim, deciding=wanted.deciding, command=wanted.command)
 
 
+def _counts(failed: Sequence[TrialDiagnosis], main: Label) -> tuple[int, int]:
+    """Return the failures that a label explains, and all failures of its kind."""
+    same = sum(trial.label is main for trial in failed)
+    return same + _look_alikes(failed, main, same), sum(trial.kind is main.kind for trial in failed)
+
+
+def _is_majority(failed: Sequence[TrialDiagnosis], main: Label) -> bool:
+    """Return whether a label explains at least half of the failures of its kind."""
+    same, kind = _counts(failed, main)
+    return 2 * same >= kind
+
+
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
     """Return a conclusion with its share among failures of its kind, if that share is less than half."""
-    kind = [trial for trial in failed if trial.kind is main.kind]
-    same = sum(trial.label is main for trial in kind)
-    same += _look_alikes(failed, main, same)
-    if 2 * same >= len(kind):
+    if _is_majority(failed, main):
         return text
+    same, kind = _counts(failed, main)
     names = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
     return (
         f"Its failures of {names[main.kind]} have several forms, none of which is a majority; the most frequent one "
-        f"({same} of {len(kind)}): {text[0].lower()}{text[1:]}"
+        f"({same} of {kind}): {text[0].lower()}{text[1:]}"
     )
 
 
