@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.instruction_effect import effect_sentence, is_unused, unused_sentence
 from betterbench.diagnosis.libero import untold_by
+from betterbench.diagnosis.measures.bindings import confused_words, wrong_places
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
@@ -305,7 +306,7 @@ def _by_failures(
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(trials, main)):
         text = f"{text.removesuffix('.')} {where}."
-    text = _of_several(text, failed, main)
+    text = _confused(trials, failed, main) or _of_several(text, failed, main)
     if weak and main.kind is not Kind.SYSTEM:
         if not weak_claim.supported:
             before = f"It solved {training.count()} training trials."
@@ -316,6 +317,18 @@ def _by_failures(
             before = "It has not learned the training conditions."
         return f"{before} {text}", entry.family, claim
     return text, entry.family, claim
+
+
+def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
+    """Return the sentence on confused words or targets, where the main label does not say what is wrong.
+
+    A proven rule comes first. A habit of placing is contradicted by objects that go to targets that training never gave
+    them.
+    """
+    reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
+    vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))
+    words = confused_words(trials, reasoning) if vague else ""
+    return words or (wrong_places(reasoning) if main in (Label.WRONG_OBJECT, Label.BEHAVIORAL_INERTIA) else "")
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
