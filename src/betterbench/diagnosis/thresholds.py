@@ -263,8 +263,8 @@ LEAST_ASKED = threshold("favorite_asked", 3, "1",
     listed=False)
 NEARLY_ALL = threshold("nearly_all", 0.9, "1",
     "Minimum share of the first attempts that a slot, kind, color or distance must explain to be named as the "
-    "deciding cue; a tenth may be slips.",
-    "Larger: fewer cues are named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
+    "deciding cue, and that a confused word must explain; a tenth may be slips.",
+    "Larger: fewer cues and confused words are named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
     listed=False)
 
 # Thresholds for conclusions from several trials, and for the power matrix.

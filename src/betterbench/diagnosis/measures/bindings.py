@@ -12,7 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.thresholds import NEARLY_ALL, SHARE_OF_ALL
+from betterbench.diagnosis.thresholds import NEARLY_ALL, SHARE_OF_ALL, USED
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.statistics import Rate, chance_p
@@ -28,7 +28,7 @@ MEMORIZED_PLACE = "memorized_place"
 WRONG_PLACES = "It brings the right objects to wrong targets; this run does not show why."
 """Conclusion for a policy whose wrong targets training does not explain."""
 
-_MOST_SHOWN = 4
+_SHOWN = 4
 """Number of confused words that a sentence lists."""
 
 
@@ -58,12 +58,12 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
     agreeing = {trial.key for trial, found in known if taken[found.word] in found.taken}
     rate = Rate(len(agreeing), len(known))
     explained = sum(trial.key in agreeing for trial in failed)
-    if chance_p(rate, chance=0.5) > DEFAULT_ALPHA or 2 * explained < len(failed):
+    if chance_p(rate, chance=USED) > DEFAULT_ALPHA or 2 * explained < len(failed):
         return ""
     times = Counter(found.word for _, found in known)
     words = sorted(taken, key=lambda word: (-times[word], word))
-    pairs = [f"{word!r} for {taken[word]!r}" for word in words[:_MOST_SHOWN]]
-    more = f" and {len(words) - _MOST_SHOWN} more" if len(words) > _MOST_SHOWN else ""
+    pairs = [f"{word!r} for {taken[word]!r}" for word in words[:_SHOWN]]
+    more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
     counted = f"{rate.k} of {plural(rate.n, 'trial')} with these words"
     return f"It takes words for one another: {listed(pairs)}{more} ({counted})."
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.measures.bindings import wrong_places
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.tasks.labels import Label
@@ -14,7 +15,12 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the object kind that nearly all trials go for first, if the instructed kinds differ."""
+    """Return a sentence on what nearly all trials have in common: a wrong target, or an object kind that comes first.
+
+    An object kind is named only if the instructed kinds differ.
+    """
+    if places := wrong_places(trials):
+        return places
     (kind, times), *_ = Counter(trial.first_attempt_kind for trial in trials).most_common(1)
     requested = {trial.intended_kind for trial in trials if trial.first_attempt_kind == kind}
     if kind is None or times < SHARE_OF_ALL * len(trials) or len(requested) < 2:
@@ -28,7 +34,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     definition="An attempt at an object or target of another instruction, without proof of a rule in this run.",
     conclusion="It goes for the wrong object; this run does not show why.",
     sharper=_sharper,
-    finding="Goes for a wrong object, by no proven rule",
+    finding="Goes for a wrong object or target, by no proven rule",
 )
 def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
