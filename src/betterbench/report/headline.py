@@ -6,10 +6,10 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
+from betterbench.diagnosis.bindings import confused_words, wrong_places
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.instruction_effect import effect_sentence, is_unused, unused_sentence
 from betterbench.diagnosis.libero import untold_by
-from betterbench.diagnosis.measures.bindings import confused_words, wrong_places
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line

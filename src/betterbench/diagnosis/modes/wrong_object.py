@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.bindings import wrong_places
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
-from betterbench.diagnosis.measures.bindings import wrong_places
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.tasks.labels import Label
