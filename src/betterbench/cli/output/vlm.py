@@ -148,9 +148,9 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)
     heads = [
-        "questions",
+        "gap of",
         "pairs",
-        "training %",
+        "train",
         "varied %",
         "static gap",
         "p, Holm",
