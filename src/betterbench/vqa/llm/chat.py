@@ -205,7 +205,13 @@ class ChatEndpoint:
             ) from error
         usage = form.get("usage")
         counts = usage if isinstance(usage, dict) else {}
-        return Reply(text, _count(counts.get("prompt_tokens")), _count(counts.get("completion_tokens")), failed)
+        return Reply(
+            text,
+            _count(counts.get("prompt_tokens")),
+            _count(counts.get("completion_tokens")),
+            failed,
+            is_cut=form["choices"] != [] and form["choices"][0].get("finish_reason") == "length",
+        )
 
     def _refusal(self, status: int, problem: str, failed: tuple[str, ...]) -> ModelError:
         if status in (400, 413, 422):
