@@ -281,6 +281,9 @@ ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (S
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
 """Action spaces whose gripper component is the opening itself rather than a direction."""
 
+PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
+"""Action spaces in which motions planned in ``ee_delta`` can be expressed: itself, and absolute joint angles."""
+
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
     components=("x", "y", "z", "roll", "pitch", "yaw", "gripper"),
@@ -359,7 +362,7 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
 """Action spaces that only other worlds execute."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
-    "": tuple(ACTION_SPACES),
+    "": (*ACTION_SPACES, *ROBOT_ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
