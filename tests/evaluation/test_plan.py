@@ -131,7 +131,11 @@ BAD = {
         UnknownNameError,
         "action space of the Franka .* 'so101_degrees'",
     ),
-    "joint space of another robot": ({"robot": "so101", "action_space": "joint_delta"}, UnknownNameError, "so101_degrees"),
+    "joint space of another robot": (
+        {"robot": "so101", "action_space": "joint_delta"},
+        UnknownNameError,
+        "so101_degrees",
+    ),
     "observation": ({"observation": "defualt"}, UnknownNameError, "observation preset"),
     "quality": ({"quality": "ultra"}, UnknownNameError, "quality"),
 }

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from betterbench.interface.actions import USUAL_ROBOT
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,9 +18,14 @@ class RobotOption:
         robot: Robot in the scenes: panda or so101.
     """
 
-    robot: str = "panda"
+    robot: str = USUAL_ROBOT
 
     @property
     def words(self) -> list[str]:
-        """The option as command-line words, empty for the default."""
-        return [] if self == RobotOption() else ["--robot", self.robot]
+        """The option as command-line words, empty for the usual robot."""
+        return [] if self == USUAL_OPTION else ["--robot", self.robot]
+
+
+ChosenRobot = Annotated[RobotOption, tyro.conf.arg(name="")]
+
+USUAL_OPTION = RobotOption()

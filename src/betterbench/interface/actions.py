@@ -29,6 +29,9 @@ JOINT_STEP_PER_UNIT_RAD = 0.1
 rad/s.
 """
 
+USUAL_ROBOT = "panda"
+"""Name of the robot in scenes, plans and files that name none."""
+
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
 )

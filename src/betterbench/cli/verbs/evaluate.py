@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
-from betterbench.cli.robot_option import RobotOption
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot, RobotOption
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.quoting import default_name, shell_line, shell_word
 
@@ -132,7 +132,7 @@ def evaluate_command(
     out: Path | None = None,
     from_run: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
     chosen: Annotated[TrialOptions, tyro.conf.arg(name="")] = TrialOptions(),
-    arm: Annotated[RobotOption, tyro.conf.arg(name="")] = RobotOption(),
+    arm: ChosenRobot = USUAL_OPTION,
     world: Annotated[WorldOptions, tyro.conf.arg(name="")] = WorldOptions(),
     workers: int | None = None,
     envs: int | None = None,

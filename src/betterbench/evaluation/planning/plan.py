@@ -9,6 +9,7 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.interface import observation_spec
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.robots import robot as robot_named
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.worlds import OWN_WORLD, PlanRequest, SceneOptions, World
@@ -44,7 +45,7 @@ class Plan:
     action_space: str
     observation: str
     quality: str
-    robot: str = "panda"
+    robot: str = USUAL_ROBOT
     looks: Looks = "seen"
     until_decided: StoppingRule | None = None
     world: World = OWN_WORLD
@@ -99,14 +100,15 @@ def make_plan(
     quality: str = "standard",
     looks: str = "seen",
     until_decided: bool = False,
-    robot: str = "panda",
+    robot: str = USUAL_ROBOT,
 ) -> Plan:
     """Return the plan for a run of the named tasks, by default all of better60.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
     trials in total as the variations, evenly distributed, including the variations' twins. Each trial in a plan for
     some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
-    Without ``action_space``, the actions are in the robot's usual action space. With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
+    Without ``action_space``, the actions are in the robot's usual action space. With ``looks`` "unseen", objects and
+    rooms have looks that do not occur in demonstrations.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.

@@ -14,10 +14,10 @@ from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.trust import require_trust
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, open_form, read_form
 from betterbench.records import RunFolder
-from betterbench.sim.worlds import SceneOptions
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
@@ -42,7 +42,7 @@ class _Plan:
     action_space: str
     observation: _Preset
     quality: _Preset
-    robot: str = SceneOptions().robot
+    robot: str = USUAL_ROBOT
     looks: Looks = "seen"
     until_decided: StoppingRule | None = None
 
@@ -121,7 +121,7 @@ def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
 
     A stored plan without a robot is one of the Panda.
     """
-    there = {"robot": SceneOptions().robot} | dict(there)
+    there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))
     for name in sorted((set(there) | set(here)) - set(_NOT_COMPARED)):
         old, new = there.get(name), here.get(name)
