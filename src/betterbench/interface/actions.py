@@ -281,6 +281,9 @@ SO101_NORMALIZED = _so101(
 ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (SO101_DEGREES, SO101_NORMALIZED)}
 """Action spaces of one robot's own motors, in betterbench's own scenes."""
 
+JOINT_SPACES = frozenset({JOINT_POSITION.name, JOINT_DELTA.name, *ROBOT_ACTION_SPACES})
+"""Action spaces of one number per arm joint."""
+
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
 """Action spaces whose gripper component is the opening itself rather than a direction."""
 
