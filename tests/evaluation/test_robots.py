@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -13,16 +14,18 @@ from betterbench.cli.main import main
 from betterbench.demonstrations.export.actions import actions_in
 from betterbench.demonstrations.export.episodes import Dataset
 from betterbench.demonstrations.export.frames import frame_numbers
+from betterbench.demonstrations.export.job import evaluation_command
 from betterbench.demonstrations.export.layout import layout_of, robot_of_runs
 from betterbench.demonstrations.export.lerobot import features, info_v30
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.evaluation import evaluate, make_plan, open_server
+from betterbench.evaluation import evaluate, make_plan, open_server, run_preflight
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.running.replay import check_record
 from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space
+from betterbench.policies.conventions.presets import OWN_PRESETS
 from betterbench.sim.robots import robot, robot_names
 from betterbench.sim.scenes import Scene, quality_preset
 from betterbench.tasks import TrialId
@@ -86,6 +89,28 @@ def test_what_a_robot_cannot_answer_is_said_at_the_start(name, layout, text):
         open_server("expert", port=0, robot=name, layout=layout)
 
 
+def test_a_replayed_demonstration_proves_the_arms_own_units(tmp_path):
+    layout = "lerobot_so101_normalized"
+    file = tmp_path / "layout.json"
+    file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")
+    with pytest.raises(InvalidInputError, match="in 'so101_normalized', and the SO-101 follower arm is served in"):
+        open_server("expert", port=0, robot="so101", layout=layout)
+    layout = "lerobot_so101_degrees"
+    file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[layout], views=()).to_json()), encoding="utf-8")
+    with open_server("expert", port=0, robot="so101", layout=layout, trial=TRIAL) as server:
+        found = run_preflight(
+            f"{server.address}?adapter={file}",
+            TRIAL,
+            observation="state_only",
+            quality="fast",
+            proof=True,
+            robot="so101",
+        )
+    assert found.proof.is_proven
+    assert {axis.name for axis in found.proof.axes} == {f"{joint}.pos" for joint in robot("so101").arm_joints}
+    assert found.to_json()["robot"] == "so101"
+
+
 def test_a_certificate_covers_one_robot():
     plan = make_plan("expert", tasks=["morning_coffee"], trials=1)
     require_certified(plan)
@@ -127,6 +152,18 @@ def test_an_export_has_lerobots_motors_in_its_units(run, space, units):
     assert features(dataset)["action"]["shape"] == [6]
     if space == "so101_degrees":
         np.testing.assert_allclose(numbers["action"], record.applied[1:], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("preset", "words"),
+    [
+        ("lerobot_so101_degrees", '"lerobot:CHECKPOINT?preset=lerobot_so101_degrees" --robot so101 --tasks'),
+        ("native", "python:FILE.py:CLASS --robot so101 --action-space ee_delta --tasks"),
+    ],
+)
+def test_a_data_set_names_the_command_with_its_robot(preset, words):
+    told = evaluation_command(layout_of(preset, robot="so101"), "standard", ["so101_table"])
+    assert told.startswith(f"better eval --policy {words}")
 
 
 def test_another_action_space_is_computed_from_the_commands(run):

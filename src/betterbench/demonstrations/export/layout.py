@@ -22,6 +22,7 @@ from betterbench.policies.conventions.proprioception import StateRule
 from betterbench.policies.conventions.rotation import ROTATION_SIZES
 from betterbench.records import RunFolder
 from betterbench.sim.robots import robot as robot_named
+from betterbench.sim.robots import robot_of_space
 
 NumberType = Literal["float32", "float64", "int64"]
 
@@ -122,11 +123,11 @@ class DatasetLayout:
         }
 
 
-def layout_of(name: str, observation: str | None = None, *, robot: str = USUAL_ROBOT) -> DatasetLayout:
+def layout_of(name: str, observation: str | None = None, *, robot: str | None = None) -> DatasetLayout:
     """Return a preset's layout.
 
     ``observation`` is the observation preset for evaluating the policy; by default the first preset with all required
-    cameras. ``robot`` is the name of the robot in the records.
+    cameras. ``robot`` is the name of the robot in the records, by default one that executes the actions.
 
     Raises:
         UnknownNameError: If no such preset exists, or the robot does not execute its actions.
@@ -134,6 +135,7 @@ def layout_of(name: str, observation: str | None = None, *, robot: str = USUAL_R
             camera.
     """
     adapter = own_preset(name)
+    robot = robot or robot_of_space(adapter.answer.space).name
     robot_space(robot, adapter.answer.space)
     spec = _observation(adapter, observation)
     sizes = {camera.name: camera for camera in spec.cameras}
