@@ -89,6 +89,7 @@ def test_what_a_robot_cannot_answer_is_said_at_the_start(name, layout, text):
         open_server("expert", port=0, robot=name, layout=layout)
 
 
+@pytest.mark.slow
 def test_a_replayed_demonstration_proves_the_arms_own_units(tmp_path):
     layout = "lerobot_so101_normalized"
     file = tmp_path / "layout.json"

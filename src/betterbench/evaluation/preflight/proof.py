@@ -17,9 +17,10 @@ import numpy as np
 
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
+from betterbench.evaluation.planning.plan import robot_space
 from betterbench.geometry import Quaternion, normalize, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, ObservationSpec, Policy, PolicyInfo, episode_number
-from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, OPENING_SPACES, USUAL_ROBOT, ActionSpace
+from betterbench.interface.actions import EE_DELTA_MEASURED, OPENING_SPACES, USUAL_ROBOT, ActionSpace, action_space
 from betterbench.interface.state import WorldState
 from betterbench.policies.experts import make_expert
 from betterbench.sim.robots.control import ControllerState
@@ -183,7 +184,7 @@ def prove_by_replay(
     found = resolve_condition(trial.task, trial.condition)
     scenes = [
         Scene(found.task, found.condition, seed=trial.seed, action_space=driven, quality=quality, robot_name=robot)
-        for driven in (EE_DELTA, space)
+        for driven in (action_space(robot_space(robot)), space)
     ]
     demonstration, executed = _Demonstration(scenes[0]), scenes[1]
     paths, observer = _PATHS.get(space.name, _JointPaths)(space), Observer(spec)
@@ -248,6 +249,7 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
+        self._last = np.zeros(scene.action_space.dim)  # the rest of a delta; an absolute action differs from it
 
     def is_over(self) -> bool:
         """Whether the expert has come to rest, or the trial has ended."""
@@ -259,10 +261,13 @@ class _Demonstration:
 
     def step(self) -> float:
         """Execute the expert's next action and return its gripper command."""
+        space = self.scene.action_space
         action = self.scene.step(np.asarray(self._expert.act_on_state(self.state)))
         self.state = self.scene.state()
-        self._idle = 0 if np.abs(action[:-1]).max() > 1e-3 else self._idle + 1
-        return float(action[-1])
+        self._idle = 0 if np.abs(action[:-1] - self._last[:-1]).max() > 1e-3 else self._idle + 1
+        if not space.is_delta:
+            self._last = action
+        return self.state.gripper_command if space.name in OPENING_SPACES else float(action[-1])
 
 
 class _Paths:
