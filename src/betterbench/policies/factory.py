@@ -181,7 +181,8 @@ def check_action_space(address: str, info: PolicyInfo, action_space: str | None)
 
     Raises InvalidInputError if the policy answers in another one.
     """
-    if action_space in kind_of(address).spaces:
+    kind = find_kind(address)  # None for a policy object that the caller of a run has given
+    if kind is not None and action_space in kind.spaces:
         return replace(info, action_space=str(action_space))
     if info.action_space and action_space not in (None, info.action_space):
         raise InvalidInputError(
