@@ -6,8 +6,9 @@ FOLDER holds the STL files of the model ``robotstudio_so101`` in MuJoCo Menageri
 4c358ef9d9d7f32ca58b40b490884a0c1726a440 (Apache-2.0), as the wheel ``so101-nexus`` 0.10.0 contains them in
 ``so101_nexus/assets/SO101_menagerie/assets``. The parts are TheRobotStudio's (SO-ARM100, Apache-2.0).
 
-Changes to the files: seams are welded, each part is decimated to a number of triangles, vertices are split at sharp
-edges for shading and rounded to a hundredth of a millimeter.
+Changes to the files: each part is simplified within a tolerance as a closed solid, decimated to a number of
+triangles, its vertices are split at sharp edges for shading and rounded to a hundredth of a millimeter. Without the first step, slivers of the CAD files remain, and their
+collapse tears cracks into the surface.
 """
 
 from __future__ import annotations
@@ -17,36 +18,49 @@ import io
 import sys
 from pathlib import Path
 
+import manifold3d
 import numpy as np
 import trimesh
 
-from betterbench.sim.robots.decimation import creased, decimated, welded
+from betterbench.sim.robots.decimation import creased, decimated
 from betterbench.sim.robots.meshes import MeshPart, parts_as_bytes
 from betterbench.sim.robots.so101 import MESH_FILE
 
 FACES = {
-    "base_motor_holder_so101_v1": 420,
-    "base_so101_v2": 900,
-    "motor_holder_so101_base_v1": 340,
-    "motor_holder_so101_wrist_v1": 300,
-    "moving_jaw_so101_v1": 700,
-    "rotation_pitch_so101_v1": 420,
-    "sts3215_03a_no_horn_v1": 220,
-    "sts3215_03a_v1": 260,
-    "under_arm_so101_v1": 480,
-    "upper_arm_so101_v1": 480,
-    "waveshare_mounting_plate_so101_v2": 100,
-    "wrist_roll_follower_so101_camera_mount": 160,
-    "wrist_roll_follower_so101_v1": 1000,
-    "wrist_roll_pitch_so101_v2": 560,
+    "base_motor_holder_so101_v1": 924,
+    "base_so101_v2": 1980,
+    "motor_holder_so101_base_v1": 748,
+    "motor_holder_so101_wrist_v1": 660,
+    "moving_jaw_so101_v1": 1540,
+    "rotation_pitch_so101_v1": 924,
+    "sts3215_03a_no_horn_v1": 484,
+    "sts3215_03a_v1": 572,
+    "under_arm_so101_v1": 1056,
+    "upper_arm_so101_v1": 1056,
+    "waveshare_mounting_plate_so101_v2": 220,
+    "wrist_roll_follower_so101_camera_mount": 352,
+    "wrist_roll_follower_so101_v1": 2200,
+    "wrist_roll_pitch_so101_v2": 1232,
 }
-"""Wanted triangles of each file; some parts keep more, because no further collapse is allowed."""
+"""Largest number of triangles of each file."""
 
-WELD_M = 3e-4
-"""Grid on which vertices are merged first [m]: with a finer one, many slivers remain that no collapse removes."""
+TOLERANCE_MM = 0.4
+SERVO_TOLERANCE_MM = 0.1
+"""Tolerance of the servos, whose fine ribs a larger one turns into more triangles."""
 
 CREASE_DEGREES = 32.0
 ROUND_M = 1e-5
+
+
+def simplified(mesh: trimesh.Trimesh, tolerance_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices [m] and triangles of a closed mesh, simplified within a tolerance without opening it."""
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh(1000.0 * np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces, dtype=np.uint32))
+    )
+    made = solid.simplify(tolerance_mm).to_mesh()
+    return np.asarray(made.vert_properties, dtype=np.float64)[:, :3] / 1000.0, np.asarray(
+        made.tri_verts, dtype=np.int64
+    )
 
 
 def main() -> int:
@@ -58,8 +72,9 @@ def main() -> int:
     for name, count in FACES.items():
         mesh = trimesh.load_mesh(io.BytesIO((folder / f"{name}.stl").read_bytes()), file_type="stl", process=False)
         mesh.merge_vertices()
-        points, triangles = welded(np.asarray(mesh.vertices), np.asarray(mesh.faces), WELD_M)
-        ((points, triangles),) = decimated([(points, triangles)], [1.0], count)
+        points, triangles = simplified(mesh, SERVO_TOLERANCE_MM if name.startswith("sts3215") else TOLERANCE_MM)
+        if len(triangles) > count:
+            ((points, triangles),) = decimated([(points, triangles)], [1.0], count)
         vertices, faces = creased(points, triangles, CREASE_DEGREES)
         rounded = np.round(vertices / ROUND_M) * ROUND_M
         parts.append(MeshPart(name, "mesh", rounded.astype(np.float32), faces.astype(np.uint16)))

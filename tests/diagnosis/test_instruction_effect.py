@@ -129,6 +129,23 @@ def test_a_favorite_place_of_one_task_is_not_the_rule_of_all(stage):
     assert "does not use the instruction" in headline_of(found).conclusion
 
 
+def test_a_missed_grasp_and_a_grasp_of_the_same_object_are_the_same_target(stage):
+    """It always goes for the red mug, and closes beside it if the red mug is requested."""
+    records = []
+    for name, seed in itertools.product(MUGS, range(3)):
+        s = stage("morning_coffee", name, seed=seed)
+        if asked(s) == red(s):
+            s.grasp(red(s), beside=(0.0, 0.055)).lift().home().wait(4)
+        else:
+            s.bring(red(s), s.goal(0)).home().wait(4)
+        records.append(s.end())
+    found = diagnose_records(records)
+    assert {t.first_attempt is None for t in found.trials} == {True, False}
+    assert effect(found) == (0, 12)
+    assert "does not use the instruction" in found.findings[0]
+    assert "the color of the object" in found.findings[0]
+
+
 def test_few_pairs_accuse_nobody(stage):
     found = diagnose_records(take(stage, red, seeds=range(2)))
     assert effect(found) == (0, 8)

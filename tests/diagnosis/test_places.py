@@ -166,7 +166,9 @@ def test_the_thing_in_the_drawer_of_training_is_a_habit(changed_stage):
 
 def test_a_drawer_that_training_never_gave_it_is_of_another_instruction(stage):
     s = stage("office_drawer", "train3")
-    assert judged(s.draw("upper", 0.15)) == (Label.WRONG_OBJECT, "object_of_another_instruction")
+    found = diagnose_record(s.draw("upper", 0.15).end())
+    assert verdict(found) == ELSEWHERE
+    assert "the upper drawer, although the instruction puts the tape at the lower drawer" in found.evidence.text
     s = stage("office_drawer", "T1")
     assert judged(s.bring("tape", s.place("inside", "upper"))) == ELSEWHERE
 

@@ -319,6 +319,34 @@ def test_the_rule_that_explains_all_tasks_decides_where_another_would_do():
     assert both.rulings["food/R0/0"].place == "upheld"
 
 
+def plates(habit_too: int, against: int, *, follows: int) -> dict[str, Choice]:
+    """Makes first attempts at one of two plates, of which demonstrations mostly begin with "blue".
+
+    Args:
+        habit_too: Trials in which blue is requested and taken.
+        against: Trials in which blue is requested and red is taken.
+        follows: Trials in which red is requested and blue is taken.
+    """
+    things, blue, nothing = frozenset({("b", "blue"), ("r", "red")}), frozenset("b"), frozenset()
+
+    def one(asked: str, taken: str) -> Choice:
+        return Choice(things, frozenset(asked), taken, asked == taken, nothing, blue, nothing, 3, taken)
+
+    cases = [one("b", "b")] * habit_too + [one("b", "r")] * against + [one("r", "b")] * follows
+    return {f"plates/train1/{k}": case for k, case in enumerate(cases)}
+
+
+@pytest.mark.parametrize(
+    ("habit_too", "against", "habit"),
+    [(0, 2, "rejected"), (2, 0, "upheld"), (0, 1, "upheld"), (3, 2, "upheld"), (0, 0, "upheld")],
+)
+def test_a_habit_is_rejected_if_the_policy_avoids_it_where_it_would_be_right(habit_too, against, habit):
+    """A policy that takes red for blue and blue for red does not begin with blue out of habit."""
+    choices = plates(habit_too, against, follows=3)
+    found = judge_rules(choices)
+    assert {found.rulings[k].habit for k, c in choices.items() if c.slot == "b" and not c.correct} == {habit}
+
+
 def test_a_habit_in_all_tasks_stays_one():
     found = judge_policy({"food": coffee_habit(), "lunch": coffee_habit()})
     assert all(rules.rulings["food/R0/0"].place == "rejected" for rules in found.values())

@@ -84,8 +84,15 @@ def first_target(trial: TrialDiagnosis) -> str | None:
 
 
 def changes_target(pair: Pair) -> bool:
-    """Return whether the first target changes with the instruction."""
-    return first_target(pair[0]) != first_target(pair[1])
+    """Return whether the first target changes with the instruction.
+
+    Both trials begin with the same scene. If one of the two grasps missed its object, only its slot is known, and the
+    slots of both attempts are compared.
+    """
+    one, other = pair
+    if one.first_attempt and other.first_attempt:
+        return one.first_attempt != other.first_attempt
+    return one.first_slot is None or one.first_slot != other.first_slot
 
 
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:

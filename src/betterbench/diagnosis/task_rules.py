@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from betterbench.diagnosis.rule_likelihood import ROUNDING, PolicyRule, confusion_cost, fit_rule, fits, place_rule
 from betterbench.diagnosis.ruling import CONFUSION, HABIT, LATER, PLACE, WORD, RuleStatus, Ruling
+from betterbench.diagnosis.thresholds import CLEARLY
 from betterbench.diagnosis.trial import Choice
 
 FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
@@ -69,7 +70,15 @@ def judge_rules(
     confusion = confusion_cost(attempts) + prior[CONFUSION]
     proven = _proven(attempts, rules, confusion, known)
     open_slots = _open_slots(attempts, rules, confusion, prior, place_known=place_known)
-    judged = _Judged(attempts, rules, proven, open_slots, ordered, word_known=known is not None and WORD in known)
+    judged = _Judged(
+        attempts,
+        rules,
+        proven,
+        open_slots,
+        ordered,
+        word_known=known is not None and WORD in known,
+        avoids_habit=_avoids_habit(rules, confusion),
+    )
     rulings = {key: judged.ruling(choice) for key, choice in trials.items()}
     wrong = [rulings[key] for key, choice in trials.items() if not choice.correct]
     return TaskRules(
@@ -185,6 +194,17 @@ def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_c
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
 
 
+def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
+    """Return whether the habit is clearly worse than confusion, because the policy errs where the habit is right.
+
+    One trial suffices to show a habit, so two contrary trials and most trials of this form are required.
+    """
+    habit = next((rule for rule in rules if rule.name == HABIT), None)
+    if habit is None or habit.cost - confusion < CLEARLY:
+        return False
+    return habit.errors_elsewhere >= 2 and 2 * habit.errors_elsewhere > habit.elsewhere
+
+
 @dataclass(frozen=True, slots=True)
 class _Judged:
     """Task rules, applied to its trials.
@@ -196,6 +216,7 @@ class _Judged:
         open_slots: Possible favorite slots that these trials could not prove for any policy.
         ordered: Whether the policy is known to mistake the order.
         word_known: Whether the word is the rule of the policy in its other tasks.
+        avoids_habit: Whether the policy provably does not follow the most frequent first step.
     """
 
     attempts: Sequence[Choice]
@@ -204,6 +225,7 @@ class _Judged:
     open_slots: frozenset[str]
     ordered: bool
     word_known: bool
+    avoids_habit: bool
 
     def ruling(self, choice: Choice) -> Ruling:
         """Return the ruling on one trial."""
@@ -221,7 +243,8 @@ class _Judged:
         rule = next((rule.name for rule in proven if fits(rule.name, choice)), None)
         if rule is None:
             word_too = fits(WORD, choice) and not self._word_is_told_from(choice.slot)
-            return Ruling("open" if word_too else "rejected", place=open_place)
+            habit: RuleStatus = "rejected" if self.avoids_habit else "upheld"
+            return Ruling("open" if word_too else "rejected", place=open_place, habit=habit)
         if rule == WORD:
             return Ruling("upheld" if self._word_is_told_from(choice.slot) else "open")
         if rule in (place_rule(choice.slot), PLACE):

@@ -235,7 +235,7 @@ ONE_ATTEMPT = threshold("one_attempt", 3.0, "1",
     listed=False)
 CLEARLY = threshold("clearly_better", 2.0, "1",
     "Margin in nats by which one kind of rule must explain all tasks better than any other kind to be the policy's "
-    "rule: odds of 7.",
+    "rule, and confusion must explain a task better than a habit to reject it: odds of 7.",
     "Larger: fewer policies have one rule in all tasks; more wrong_object, fewer lexical_kinematic_shortcut and "
     "visual_layout_bias.",
     listed=False)
@@ -263,8 +263,9 @@ LEAST_ASKED = threshold("favorite_asked", 3, "1",
     listed=False)
 NEARLY_ALL = threshold("nearly_all", 0.9, "1",
     "Minimum share of the first attempts that a slot, kind, color or distance must explain to be named as the "
-    "deciding cue; a tenth may be slips.",
-    "Larger: fewer cues are named; a visual_layout_bias keeps its label, and its evidence names a place less often.",
+    "deciding cue, and that a confused word must explain; a tenth may be slips.",
+    "Larger: fewer cues and confused words are named; a visual_layout_bias keeps its label, and its evidence names a "
+    "place less often.",
     listed=False)
 
 # Thresholds for conclusions from several trials, and for the power matrix.

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
+from betterbench.diagnosis.bindings import confused_words, wrong_places
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.instruction_effect import effect_sentence, is_unused, unused_sentence
 from betterbench.diagnosis.libero import untold_by
@@ -262,7 +263,8 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         return _training_alone(diagnosis, training)
     main = main_failure(varied)
     found = _by_failures(diagnosis, varied, training, gap)
-    said = main is Label.VISUAL_LAYOUT_BIAS and found[1] == LEGEND[main].family
+    failed = [trial for trial in varied if _has_failed(trial)]
+    said = main is Label.VISUAL_LAYOUT_BIAS and found[1] == LEGEND[main].family and _is_majority(failed, main)
     explained = sum(trial.label is Label.VISUAL_LAYOUT_BIAS for trial in trials) < FEW
     settled = found[2].supported and (said or explained)
     unused = None if settled or (main is not None and main.kind is Kind.SYSTEM) else _unused_instruction(diagnosis)
@@ -304,7 +306,7 @@ def _by_failures(
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(trials, main)):
         text = f"{text.removesuffix('.')} {where}."
-    text = _of_several(text, failed, main)
+    text = _confused(trials, failed, main) or _of_several(text, failed, main)
     if weak and main.kind is not Kind.SYSTEM:
         if not weak_claim.supported:
             before = f"It solved {training.count()} training trials."
@@ -315,6 +317,18 @@ def _by_failures(
             before = "It has not learned the training conditions."
         return f"{before} {text}", entry.family, claim
     return text, entry.family, claim
+
+
+def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
+    """Return the sentence on confused words or targets, where the main label does not say what is wrong.
+
+    A proven rule comes first. A habit of placing is contradicted by objects that go to targets that training never gave
+    them.
+    """
+    reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
+    vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))
+    words = confused_words(trials, reasoning) if vague else ""
+    return words or (wrong_places(reasoning) if main in (Label.WRONG_OBJECT, Label.BEHAVIORAL_INERTIA) else "")
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
@@ -365,17 +379,27 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
     return told, entry.family, replace(claim, deciding=wanted.deciding, command=wanted.command)
 
 
+def _counts(failed: Sequence[TrialDiagnosis], main: Label) -> tuple[int, int]:
+    """Return the failures that a label explains, and all failures of its kind."""
+    same = sum(trial.label is main for trial in failed)
+    return same + _look_alikes(failed, main, same), sum(trial.kind is main.kind for trial in failed)
+
+
+def _is_majority(failed: Sequence[TrialDiagnosis], main: Label) -> bool:
+    """Return whether a label explains at least half of the failures of its kind."""
+    same, kind = _counts(failed, main)
+    return 2 * same >= kind
+
+
 def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
     """Return a conclusion with its share among failures of its kind, if that share is less than half."""
-    kind = [trial for trial in failed if trial.kind is main.kind]
-    same = sum(trial.label is main for trial in kind)
-    same += _look_alikes(failed, main, same)
-    if 2 * same >= len(kind):
+    if _is_majority(failed, main):
         return text
+    same, kind = _counts(failed, main)
     names = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
     return (
         f"Its failures of {names[main.kind]} have several forms, none of which is a majority; the most frequent one "
-        f"({same} of {len(kind)}): {text[0].lower()}{text[1:]}"
+        f"({same} of {kind}): {text[0].lower()}{text[1:]}"
     )
 
 

@@ -217,15 +217,7 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
     """Print the static illusion gaps by axis and by type, next to the acted gaps if there is a run of a policy."""
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)
-    heads = [
-        "questions",
-        "pairs",
-        "training %",
-        "varied %",
-        "static gap",
-        "p, Holm",
-        *(["acted gap"] if policy else []),
-    ]
+    heads = ["gap of", "pairs", "train", "varied", "static gap", "p", *(["acted gap"] if policy else [])]
     rows = [
         [
             gap.name.replace("_", " "),

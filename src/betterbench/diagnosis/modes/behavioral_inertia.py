@@ -66,6 +66,7 @@ def _exposed(x: Exposure) -> bool:
         {
             "most_frequent_first_step": "It begins with the first step of most demonstrations, requested or not.",
             "memorized_next_step": "It continues with the step that came next in training, requested or not.",
+            "memorized_spot": "It puts objects where their target stood in training, although the target is elsewhere.",
             "memorized_place": "It brings objects where training brought them, regardless of the instruction.",
             "air_grasp_at_memorized_slot": "It grasps at empty slots from which training picked an object.",
         }

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.bindings import wrong_places
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
@@ -18,9 +19,8 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
     An object kind is named only if the instructed kinds differ.
     """
-    misplaced = sum(trial.evidence.rule == "place_of_another_instruction" for trial in trials)
-    if misplaced >= SHARE_OF_ALL * len(trials):
-        return "It brings the right objects to wrong targets; this run does not show why."
+    if places := wrong_places(trials):
+        return places
     (kind, times), *_ = Counter(trial.first_attempt_kind for trial in trials).most_common(1)
     requested = {trial.intended_kind for trial in trials if trial.first_attempt_kind == kind}
     if kind is None or times < SHARE_OF_ALL * len(trials) or len(requested) < 2:
@@ -34,11 +34,17 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     definition="An attempt at an object or target of another instruction, without proof of a rule in this run.",
     conclusion="It goes for the wrong object; this run does not show why.",
     sharper=_sharper,
-    finding="Goes for a wrong object, by no proven rule",
+    finding="Goes for a wrong object or target, by no proven rule",
 )
 def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     for step in episode.decisions:
+        if (due := _due_elsewhere(episode, step)) is not None:
+            text = (
+                f"It goes for {episode.describe(step)}, although the instruction puts the {due} "
+                f"{episode.asked_where(step)}."
+            )
+            return episode.at_step("place_of_another_instruction", text, step)
         if step.target in (AttemptTarget.OTHER, AttemptTarget.EMPTY):
             text = f"It goes for {episode.describe(step)}, although {episode.asked_for(step)}."
             return episode.at_step("object_of_another_instruction", text, step)
@@ -52,3 +58,11 @@ def _find(trial: TrialView) -> Evidence | None:
             )
             return episode.evidence("place_of_another_instruction", text, rows=(gone, rest), objects=(step.at,))
     return None
+
+
+def _due_elsewhere(episode: EpisodeAnalysis, step: Step) -> str | None:
+    """Return the kind of the object that is due if a drawer is moved that is not its target, or None."""
+    if step.target is not AttemptTarget.OTHER or step.goal is None or not episode.trace.is_drawer(step.at):
+        return None
+    due = next(iter(episode.meant[step.goal]), None)
+    return None if due is None or episode.trace.is_drawer(due) else episode.kind(due)

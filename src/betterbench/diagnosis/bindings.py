@@ -1,0 +1,136 @@
+"""Words and targets that a policy confuses consistently, from the first attempts of a complete run.
+
+A policy can use the instruction and misunderstand some of its words: it takes the fork where the instruction asks for
+the spoon, and the spoon where it asks for the fork. One trial cannot distinguish this from chance, so the label of such
+a trial is ``wrong_object``. Trials with the same words do: a confusion at random is right in some of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.diagnosis.thresholds import NEARLY_ALL, SHARE_OF_ALL, USED
+from betterbench.diagnosis.verdict import TrialDiagnosis
+from betterbench.errors import UnknownNameError
+from betterbench.statistics import Rate, chance_p
+from betterbench.statistics.power import DEFAULT_ALPHA
+from betterbench.statistics.wording import listed, plural
+from betterbench.tasks import get_task
+from betterbench.tasks.interventions import resolve_condition
+from betterbench.tasks.labels import Label
+
+MEMORIZED_PLACE = "memorized_place"
+"""Evidence rule of a right object at the target of training instead of the requested one."""
+
+WRONG_PLACES = "It brings the right objects to wrong targets; this run does not show why."
+"""Conclusion for a policy whose wrong targets training does not explain."""
+
+_SHOWN = 4
+"""Number of confused words that a sentence lists."""
+
+
+@dataclass(frozen=True, slots=True)
+class _FirstWord:
+    """The word that an instruction uses for the first object, and all words for the object of the first attempt."""
+
+    word: str
+    taken: frozenset[str]
+
+
+def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
+    """Return the sentence on words that are taken for other words of the task, or an empty text.
+
+    Nearly all trials with these words must agree, significantly more often than one half, and the words must explain at
+    least half of the failures. At least two different words must be taken: a single one is a favorite object.
+
+    Args:
+        trials: All trials of the run.
+        failed: Its variation trials that failed at reasoning.
+    """
+    ended = [(trial, found) for trial in trials if (found := _first_word(trial)) is not None]
+    taken = _taken_for([found for _, found in ended])
+    if len(set(taken.values())) < 2:
+        return ""
+    known = [(trial, found) for trial, found in ended if found.word in taken]
+    agreeing = {trial.key for trial, found in known if taken[found.word] in found.taken}
+    rate = Rate(len(agreeing), len(known))
+    explained = sum(trial.key in agreeing for trial in failed)
+    if chance_p(rate, chance=USED) > DEFAULT_ALPHA or 2 * explained < len(failed):
+        return ""
+    times = Counter(found.word for _, found in known)
+    words = sorted(taken, key=lambda word: (-times[word], word))
+    pairs = [f"{word!r} for {taken[word]!r}" for word in words[:_SHOWN]]
+    more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+    counted = f"{rate.k} of {plural(rate.n, 'trial')} with these words"
+    return f"It takes words for one another: {listed(pairs)}{more} ({counted})."
+
+
+def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
+    """Return the first word of a trial's instruction and the words for the attempted object.
+
+    None if either is unknown, or if the attempt is at another object of the same instruction, which is a question of
+    order.
+    """
+    try:
+        condition = resolve_condition(trial.task, trial.variation or trial.condition).condition
+        task = get_task(trial.task)
+    except UnknownNameError:
+        return None
+    at = trial.first_attempt or (trial.first_slot and condition.occupant(trial.first_slot))
+    goals = condition.instruction.subgoals
+    first = next((goal for goal in goals if set(condition.resolve(goal.reference)) & set(trial.intended_any)), None)
+    if not at or first is None:
+        return None
+    meant = condition.resolve(first.reference)
+    if at not in meant and any(at in condition.resolve(goal.reference) for goal in goals):
+        return None
+    conditions = (*task.training, condition)
+    used = itertools.chain.from_iterable(c.instruction.subgoals for c in conditions)
+    taken = {goal.word for goal in used if at in condition.resolve(goal.reference)}
+    return _FirstWord(first.word, frozenset({first.word} if at in meant else taken))
+
+
+def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
+    """Return the word for which each confused word is taken.
+
+    A word needs two trials, or one trial if the other word is taken for it.
+    """
+    cases: dict[str, list[frozenset[str]]] = defaultdict(list)
+    for one in found:
+        cases[one.word].append(one.taken)
+    counts = {word: Counter(itertools.chain.from_iterable(seen)) for word, seen in cases.items()}
+    taken: dict[str, str] = {}
+    for word, count in counts.items():
+        others = [w for w in count if w != word and count[w] >= NEARLY_ALL * len(cases[word])]
+        if not others:
+            continue
+        best = min(others, key=lambda w: (-counts.get(w, Counter())[word], -count[w], w))
+        if len(cases[word]) >= 2 or counts.get(best, Counter())[word]:
+            taken[word] = best
+    return taken
+
+
+def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
+    """Return the sentence on right objects at wrong targets if nearly all failures are of this form, or an empty text.
+
+    If training explains nearly all of these targets, the text is empty too: that is a habit.
+
+    Args:
+        failed: Variation trials that failed at reasoning.
+    """
+    misplaced = [trial for trial in failed if _is_misplaced(trial)]
+    habitual = sum(trial.evidence.rule == MEMORIZED_PLACE for trial in misplaced)
+    if not misplaced or len(misplaced) < SHARE_OF_ALL * len(failed) or habitual >= SHARE_OF_ALL * len(misplaced):
+        return ""
+    return WRONG_PLACES
+
+
+def _is_misplaced(trial: TrialDiagnosis) -> bool:
+    """Return whether a trial's deciding evidence is a right object at a wrong target."""
+    if trial.evidence.rule in ("place_of_another_instruction", MEMORIZED_PLACE):
+        return True
+    undecided = trial.label is Label.WRONG_OBJECT and trial.evidence.rule == "undecided"
+    return undecided and bool(trial.intention_correct)
