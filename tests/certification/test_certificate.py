@@ -25,7 +25,7 @@ def test_a_certificate_survives_its_json(trial, certificate):
     form = json.loads(json.dumps(whole.to_json()))
     assert Certificate.from_json(form) == whole
     assert form["seeds"] == "0,3"
-    assert set(form["versions"]) == {"package", "suite", "engine", "tasks", "looks"}
+    assert set(form["versions"]) == {"package", "suite", "engine", "tasks", "looks", "robot"}
     assert [s["condition"] for s in form["summary"]] == ["L1", "train1"]
 
 

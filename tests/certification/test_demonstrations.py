@@ -146,7 +146,7 @@ def faked(monkeypatch):
     """Measuring without a simulator; ``faked.seen`` are the trials, each with what was known before."""
     seen = []
 
-    def fake(trial, so_far=None):
+    def fake(trial, so_far=None, *, robot):
         if len(seen) == fake.stop:
             raise KeyboardInterrupt
         seen.append((trial, so_far))
@@ -182,7 +182,7 @@ def test_what_begins_as_others_left_it_is_measured_after_them(faked, tmp_path):
 def test_other_versions_need_another_folder(faked, tmp_path, monkeypatch):
     measuring.measure(["fast_food"], tmp_path, number=2)
     used = measuring.versions_in_use(["fast_food"])
-    monkeypatch.setattr(measuring, "versions_in_use", lambda _: dataclasses.replace(used, engine="9.9"))
+    monkeypatch.setattr(measuring, "versions_in_use", lambda _, **_options: dataclasses.replace(used, engine="9.9"))
     with pytest.raises(RunConflictError, match="another folder"):
         measuring.measure(["fast_food"], tmp_path, number=2)
 

@@ -101,7 +101,7 @@ def test_trials_of_another_task_version_are_examined_again(tmp_path, examined, m
     examined.clear()
     used = runner.versions_in_use
 
-    def moved(tasks):
+    def moved(tasks, *, robot):
         return dataclasses.replace(used(tasks), tasks={"morning_coffee": get_task("morning_coffee").version + 1})
 
     monkeypatch.setattr(runner, "versions_in_use", moved)
@@ -173,7 +173,7 @@ def test_a_journal_that_an_earlier_version_left_is_gone_on_with(tmp_path, examin
     old = Path(__file__).with_name("data") / "journal_v2.jsonl"
     shutil.copy(old, tmp_path / "journal.jsonl")
     there = CertificateVersions("0.1.0", "2.0", "3.17.0", {"morning_coffee": 5})
-    monkeypatch.setattr(runner, "versions_in_use", lambda _: there)
+    monkeypatch.setattr(runner, "versions_in_use", lambda _, **_options: there)
     certificate = certify(TRIALS, tmp_path)
     assert [t.key for t in certificate.trials] == TRIALS
     assert examined == [TrialId("morning_coffee", "T1", 2), TrialId("morning_coffee", "T1", 3)]

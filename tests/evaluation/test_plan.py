@@ -13,6 +13,7 @@ from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.evaluation import make_plan
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.records import RunFolder
+from betterbench.sim.robots import robot, robot_names
 from betterbench.statistics import decide, smallest_paired_difference
 from betterbench.tasks import all_tasks, get_task
 from betterbench.tasks.interventions import vary
@@ -124,6 +125,17 @@ BAD = {
         "belongs to no task of this run",
     ),
     "action space": ({"action_space": "ee_detla"}, UnknownNameError, "Did you mean 'ee_delta'"),
+    "robot": ({"robot": "so100"}, UnknownNameError, "robot 'so100'.*Did you mean 'so101'"),
+    "action space of another robot": (
+        {"action_space": "so101_degrees"},
+        UnknownNameError,
+        "action space of the Franka .* 'so101_degrees'",
+    ),
+    "joint space of another robot": (
+        {"robot": "so101", "action_space": "joint_delta"},
+        UnknownNameError,
+        "so101_degrees",
+    ),
     "observation": ({"observation": "defualt"}, UnknownNameError, "observation preset"),
     "quality": ({"quality": "ultra"}, UnknownNameError, "quality"),
 }
@@ -133,6 +145,14 @@ BAD = {
 def test_bad_arguments_are_named_before_anything_runs(arguments, error, text):
     with pytest.raises(error, match=text):
         make_plan("noop", **arguments)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_robot_is_a_value_of_the_plan_and_gives_the_action_space(name):
+    plan = make_plan("expert", tasks=("fast_food",), trials=1, robot=name)
+    assert (plan.to_json()["robot"], plan.action_space) == (name, robot(name).action_spaces[0])
+    for space in robot(name).action_spaces:
+        assert make_plan("expert", tasks=("fast_food",), trials=1, robot=name, action_space=space).action_space == space
 
 
 def test_looks_are_a_value_of_the_plan():

@@ -42,14 +42,19 @@ def test_the_plan_of_a_run_comes_back(uninterrupted, tiny_plan, given):
         {"trials": 2, "seed": 3, "observation": "official", "quality": "high"},
         {"tasks": ["office_drawer"], "trials": 1, "action_space": "joint_delta", "observation": "state_only"},
         {"variations": ["fast_food/T1", "L2"], "trials": 1},
+        {"tasks": ["fast_food"], "trials": 1, "robot": "so101", "action_space": "so101_normalized"},
     ],
-    ids=["all tasks", "one task", "some variations"],
+    ids=["all tasks", "one task", "some variations", "another robot"],
 )
 def test_every_plan_comes_back(tmp_path, options):
     plan = make_plan("openpi://host:8000?preset=openpi_libero&horizon=5", **options)
     run = RunFolder.start(tmp_path / "run", plan.to_json())
     assert repeated_plan(run.path) == plan
     assert repeated_plan(run.path).to_json() == plan.to_json()
+
+
+def test_a_plan_of_an_earlier_version_without_a_robot_is_of_the_panda(changed, tiny_plan):
+    assert repeated_plan(changed(lambda plan: plan.pop("robot"))) == tiny_plan()
 
 
 def test_better_eval_from_repeats_a_run_bit_for_bit(uninterrupted, tmp_path, run_content, capsys):

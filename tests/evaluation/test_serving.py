@@ -149,7 +149,10 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
         ({"better/step": 5}, "executed actions that were not in the answers"),
         ({"better/step": 100_000}, "ends after"),
         ({"better/step": -1}, "better/step"),
-        ({"better/joint_positions": np.zeros(6)}, "better/joint_positions: expected 7 finite numbers"),
+        (
+            {"better/joint_positions": np.zeros(6)},
+            "better/joint_velocities: expected 6 numbers, one per joint position, got 7",
+        ),
         ({"better/ee_position": np.full(3, np.nan)}, "better/ee_position"),
         ({"better/images/front": np.zeros((4, 4, 3))}, "better/images/front: it is float64"),
         ({"better/episode": "fast_food"}, "better/episode"),

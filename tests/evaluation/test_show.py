@@ -14,7 +14,7 @@ def drawn(monkeypatch):
     """Draw blank scenes, and return their number."""
     made = []
 
-    def blank(task, condition, *, seed, size, outlined=()):
+    def blank(task, condition, *, seed, size, outlined=(), robot):
         made.append(condition.name)
         return Image.new("RGB", (size, size))
 

@@ -89,7 +89,7 @@ def evaluate(
             variations=_names(variations),
             trials=trials,
             seed=seed,
-            action_space=action_space or (given.info.action_space if given else "ee_delta"),
+            action_space=action_space or (given.info.action_space if given else None),
             observation=observation,
             quality=quality,
             looks=looks,

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.json_form import read_form, sealed_form, strict_form
 from betterbench.tasks import Looks, TrialId
 
@@ -101,7 +102,7 @@ class CertificateVersions:
 
     The suite version determines the random streams.
 
-    ``looks`` is the set of looks of objects and rooms in the examined trials.
+    ``looks`` is the set of looks of objects and rooms in the examined trials, ``robot`` the name of the robot.
     """
 
     package: str
@@ -109,12 +110,14 @@ class CertificateVersions:
     engine: str
     tasks: Mapping[str, int]
     looks: Looks = "seen"
+    robot: str = USUAL_ROBOT
 
     @property
     def words(self) -> str:
         """Text that lists all versions, for messages."""
         tasks = "".join(f", {name} {number}" for name, number in self.tasks.items())
-        return f"betterbench {self.package}, suite {self.suite}, MuJoCo {self.engine}{tasks}, {self.looks} looks"
+        versions = f"betterbench {self.package}, suite {self.suite}, MuJoCo {self.engine}{tasks}"
+        return f"{versions}, {self.looks} looks, robot {self.robot}"
 
 
 @strict_form

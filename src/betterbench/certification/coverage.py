@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
 from betterbench.errors import InvalidInputError, one_line
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.json_form import form_errors, open_seal, read_bounded, read_form, strict_form
 from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.suite_folder import CERTIFICATE
@@ -137,6 +138,7 @@ class Coverage:
         engine: str,
         tasks: Mapping[str, int],
         looks: Looks = "seen",
+        robot: str = USUAL_ROBOT,
     ) -> Gap | None:
         """Return the first trial that is not covered, or None."""
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
@@ -147,6 +149,8 @@ class Coverage:
             stale = f"the certificate was made with MuJoCo {self.versions.engine}, the installed one is {engine}"
         elif self.versions.looks != looks:
             stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} ones"
+        elif self.versions.robot != robot:
+            stale = f"the certificate is for the robot {self.versions.robot}, but the run uses {robot}"
         for trial in trials:
             name, here = f"{trial.task}/{trial.condition}", tasks[trial.task]
             made_for = self.versions.tasks.get(trial.task)
@@ -243,6 +247,7 @@ def cure_for(
     first: int,
     trials: int,
     looks: Looks = "seen",
+    robot: str = USUAL_ROBOT,
     unmeasured: Sequence[str] = (),
 ) -> str:
     """Return the remedy for an uncertified trial, for a run that begins at the seed ``first``.
@@ -252,11 +257,11 @@ def cure_for(
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"
-    named = " ".join(("", *tasks))
+    named, arm = " ".join(("", *tasks)), f" --robot {robot}" if robot != USUAL_ROBOT else ""
     chosen = options_for(tasks) + (f" --tasks{named}" if named else "")
-    seed = (f" --seed {first}" if first else "") + (f" --looks {looks}" if looks != "seen" else "")
+    seed = (f" --seed {first}" if first else "") + (f" --looks {looks}" if looks != "seen" else "") + arm
     first_measure = (
-        f"better certify{options_for(unmeasured)} --tasks {' '.join(unmeasured)} --demonstrations 120, then "
+        f"better certify{options_for(unmeasured)} --tasks {' '.join(unmeasured)}{arm} --demonstrations 120, then "
     )
     return (
         f"Run {first_measure if unmeasured else ''}better certify{chosen} --trials {trials}{seed} --out "

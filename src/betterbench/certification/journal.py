@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions, TrialCertificate
 from betterbench.errors import RecordError, RunConflictError, one_line
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import LineJournal
 from betterbench.jobs.line_journal import LINK, link_after, linked_forms
 from betterbench.json_form import open_ordinary, read_form, strict_form
@@ -36,6 +37,14 @@ class JournalHeader:
     suite_version: str = ""
     mujoco: str = ""
     version: Literal[1, 2] = 2
+    robot: str = USUAL_ROBOT
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict, without the usual robot, as in journals of earlier versions."""
+        form = asdict(self)
+        if self.robot == USUAL_ROBOT:
+            del form["robot"]
+        return form
 
 
 @strict_form
@@ -72,13 +81,13 @@ class VersionedJournal(LineJournal):
 
     def __init__(self, path: Path, versions: CertificateVersions, *, renews: bool = False) -> None:
         self._versions = versions
-        self._header = JournalHeader(self.form, versions.package, versions.suite, versions.engine)
-        self._link = link_after("", asdict(self._header))
+        self._header = JournalHeader(self.form, versions.package, versions.suite, versions.engine, robot=versions.robot)
+        self._link = link_after("", self._header.to_json())
         super().__init__(path, renews=renews)
 
     def _append_form(self, form: dict[str, Any]) -> None:
         if self.is_empty:
-            self._append_line(asdict(self._header))
+            self._append_line(self._header.to_json())
         link = link_after(self._link, form)
         self._append_line({**form, LINK: link})
         self._link = link
@@ -101,7 +110,7 @@ class VersionedJournal(LineJournal):
         found = read_form(_HEADER, line, where=where, cure=cure, raises=RunConflictError)
         if found.form != self.form:
             raise RunConflictError(f"{where}. {cure}.")
-        self._link = link_after("", asdict(found))
+        self._link = link_after("", found.to_json())
         for name, value in asdict(replace(self._header, version=found.version)).items():
             if (there := getattr(found, name)) != value:
                 raise RunConflictError(
@@ -112,7 +121,7 @@ class VersionedJournal(LineJournal):
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
     """Yield :func:`~betterbench.jobs.line_journal.linked_forms` of the lines after the header."""
     header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
-    before = link_after("", asdict(header))
+    before = link_after("", header.to_json())
     yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)
 
 

@@ -16,6 +16,7 @@ from betterbench.certification.demonstrations import Demonstration, demonstrate,
 from betterbench.certification.journal import CURE, DEMONSTRATIONS_NAME, VersionedJournal
 from betterbench.certification.runner import versions_in_use
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
 from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import read_form, strict_form
@@ -63,6 +64,7 @@ def measure(
     *,
     number: int,
     workers: int = 1,
+    robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
     """Measure the demonstrations of some tasks that are not yet in a folder's journal.
@@ -72,6 +74,7 @@ def measure(
         out: Folder of the journal.
         number: Demonstrations per task, cycling through its training conditions.
         workers: Worker processes.
+        robot: Name of the robot.
         on_progress: Called at the start of each turn and after every demonstration.
 
     Raises:
@@ -90,11 +93,11 @@ def measure(
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     plans = {task.id: planned_demonstrations(task, number) for task in chosen}
     planned = [trial for plan in plans.values() for trials in plan for trial in trials]
-    with DemonstrationJournal(out, versions_in_use([t.id for t in chosen])) as journal:
+    with DemonstrationJournal(out, versions_in_use([t.id for t in chosen], robot=robot)) as journal:
         for turn in (0, 1):
             so_far = {task.id: _summed_up(task, plans[task.id][:turn], journal) for task in chosen} if turn else {}
             due = {trial for plan in plans.values() for trial in plan[turn]}
-            work, is_done = functools.partial(_of_turn, due, so_far, workers), journal.found.__contains__
+            work, is_done = functools.partial(_of_turn, due, so_far, workers, robot), journal.found.__contains__
             run_items(planned, is_done=is_done, work=work, keep=journal.append, on_progress=on_progress)
         return {task.id: _summed_up(task, plans[task.id], journal) for task in chosen}
 
@@ -104,14 +107,14 @@ def _summed_up(task: Task, plan: Iterable[Sequence[TrialId]], journal: Demonstra
 
 
 def _of_turn(
-    due: Collection[TrialId], so_far: Mapping[str, Demonstrated], workers: int, waiting: Iterable[TrialId]
+    due: Collection[TrialId], so_far: Mapping[str, Demonstrated], workers: int, robot: str, waiting: Iterable[TrialId]
 ) -> Iterator[Demonstration]:
     trials = [trial for trial in waiting if trial in due]
-    return in_processes(trials, functools.partial(_demonstrate, so_far), workers=workers)
+    return in_processes(trials, functools.partial(_demonstrate, so_far, robot), workers=workers)
 
 
-def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstration:
-    return demonstrate(trial, so_far.get(trial.task))
+def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId) -> Demonstration:
+    return demonstrate(trial, so_far.get(trial.task), robot=robot)
 
 
 def destination(task: str) -> Path | None:

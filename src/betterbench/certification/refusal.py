@@ -8,6 +8,7 @@ from pathlib import Path
 from betterbench.certification.coverage import Coverage, coverage_of, cure_for, load_coverage
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.planning.plan import Plan, plan_extent
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task, suite_tasks
 from betterbench.tasks.demonstrated import demonstrated_if_measured
@@ -29,15 +30,23 @@ def require_certified(plan: Plan, certificate: Path | None = None) -> str:
     planned = [t.id for t in plan.trials]
     tasks = dict.fromkeys(t.task for t in planned)
     coverage = coverage_of(tasks) if certificate is None else load_coverage(certificate)
-    if certificate is None and plan.looks != coverage.versions.looks:
+    if certificate is None and plan.robot == coverage.versions.robot and plan.looks != coverage.versions.looks:
         looks = coverage.versions.looks
         return f"These trials are not certified: the certificate of the suite covers the {looks} looks."
     seed, trials = plan_extent(plan)
-    return require_coverage(coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks)
+    return require_coverage(
+        coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks, robot=plan.robot
+    )
 
 
 def require_coverage(
-    coverage: Coverage, trials: Sequence[TrialId], *, seed: int, trials_per_variation: int, looks: Looks = "seen"
+    coverage: Coverage,
+    trials: Sequence[TrialId],
+    *,
+    seed: int,
+    trials_per_variation: int,
+    looks: Looks = "seen",
+    robot: str = USUAL_ROBOT,
 ) -> str:
     """Check that a certificate covers every planned trial, and return a sentence on unsolved trials.
 
@@ -48,7 +57,7 @@ def require_coverage(
         InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.
     """
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in trials)}
-    gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks)
+    gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks, robot=robot)
     if gap is not None:
         whole = set(versions) == set(suite_tasks("better60"))
         own = [task for task in versions if options_for([task])]
@@ -62,6 +71,7 @@ def require_coverage(
                 first=seed,
                 trials=trials_per_variation,
                 looks=looks,
+                robot=robot,
                 unmeasured=unmeasured,
             ),
         )

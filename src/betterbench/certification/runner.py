@@ -10,12 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate, certificate_path
 from betterbench.certification.coverage import Coverage
 from betterbench.certification.examine import examine
 from betterbench.certification.journal import CertificationJournal
 from betterbench.errors import InvalidInputError
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import JobProgress, in_processes, run_items, write_durably
 from betterbench.json_form import sealed_form
 from betterbench.quoting import json_text
@@ -26,10 +28,10 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.version import __version__
 
 
-def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions on which a certificate for some tasks depends."""
+def versions_in_use(tasks: Sequence[str], *, robot: str = USUAL_ROBOT) -> CertificateVersions:
+    """Return the versions on which a certificate for some tasks and a robot depends."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
-    return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
+    return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers, robot=robot)
 
 
 def certify(
@@ -38,6 +40,7 @@ def certify(
     *,
     workers: int = 1,
     looks: Looks = "seen",
+    robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
     """Examine every trial that is not yet in a folder's journal, and write ``certificate.json``.
@@ -58,14 +61,16 @@ def certify(
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:
         resolve_condition(trial.task, trial.condition)
-    versions = replace(versions_in_use([t.task for t in trials]), looks=looks)
+    versions = replace(versions_in_use([t.task for t in trials], robot=robot), looks=looks)
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
 
         def work(waiting: list[TrialId]) -> Iterator[TrialCertificate]:
             for name in dict.fromkeys(t.task for t in waiting):
                 demonstrated(get_task(name), engine=engine_version())
-            examination = examine if looks == "seen" else partial(examine, looks=looks)
+            usual = {"looks": "seen", "robot": USUAL_ROBOT}
+            changed: dict[str, Any] = dict({"looks": looks, "robot": robot}.items() - usual.items())
+            examination = partial(examine, **changed)
             return in_processes(sorted(waiting, key=lambda t: (t.task, t.seed)), examination, workers=workers)
 
         run_items(

@@ -29,6 +29,9 @@ JOINT_STEP_PER_UNIT_RAD = 0.1
 rad/s.
 """
 
+USUAL_ROBOT = "panda"
+"""Name of the robot in scenes, plans and files that name none."""
+
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
 )
@@ -278,8 +281,14 @@ SO101_NORMALIZED = _so101(
 ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (SO101_DEGREES, SO101_NORMALIZED)}
 """Action spaces of one robot's own motors, in betterbench's own scenes."""
 
+JOINT_SPACES = frozenset({JOINT_POSITION.name, JOINT_DELTA.name, *ROBOT_ACTION_SPACES})
+"""Action spaces of one number per arm joint."""
+
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
 """Action spaces whose gripper component is the opening itself rather than a direction."""
+
+PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
+"""Action spaces in which motions planned in ``ee_delta`` can be expressed: itself, and absolute joint angles."""
 
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
@@ -359,7 +368,7 @@ WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
 """Action spaces that only other worlds execute."""
 
 PLAYED_IN: Mapping[str, tuple[str, ...]] = {
-    "": tuple(ACTION_SPACES),
+    "": (*ACTION_SPACES, *ROBOT_ACTION_SPACES),
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }

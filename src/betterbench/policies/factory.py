@@ -117,8 +117,7 @@ class PolicyFactory:
 
         ``rate_hz`` is the control rate of the run [Hz].
         """
-        info = self.info
-        check_action_space(self.address, info, action_space)
+        info = check_action_space(self.address, self.info, action_space)
         agree = getattr(self._made, "check", None) if self._kind.compares else None
         if callable(agree) and action_space is not None and observation is not None:
             agree(space=action_space, observation=observation_spec(observation), rate_hz=rate_hz)
@@ -177,14 +176,21 @@ class PolicyFactory:
         return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""
 
 
-def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:
-    """Raise InvalidInputError if a policy answers in another action space than a given run."""
+def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> PolicyInfo:
+    """Return a policy's declarations in a given run, in whose action space it answers.
+
+    Raises InvalidInputError if the policy answers in another one.
+    """
+    kind = find_kind(address)  # None for a policy object that the caller of a run has given
+    if kind is not None and action_space in kind.spaces:
+        return replace(info, action_space=str(action_space))
     if info.action_space and action_space not in (None, info.action_space):
         raise InvalidInputError(
             "action space",
             f"the policy {address} answers in {info.action_space!r}, the run uses {action_space!r}",
             space_cure(info.action_space),
         )
+    return info
 
 
 def close_policy(policy: object) -> None:

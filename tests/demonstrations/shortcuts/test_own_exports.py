@@ -31,7 +31,11 @@ def exported(run, out, name, form, most=None):
     return out
 
 
-LAYOUTS = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in OWN_PRESETS}
+LAYOUTS = {
+    str([layout.states, layout.action, layout.adapter.answer]): name
+    for name, layout in ((name, layout_of(name)) for name in OWN_PRESETS)
+    if layout.robot == "panda"
+}
 """One preset for each layout that differs in what the audit reads."""
 
 

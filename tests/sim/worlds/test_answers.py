@@ -14,7 +14,7 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
 from betterbench.policies.conventions.libero import BASES_M
-from betterbench.policies.conventions.presets import PRESETS, adapter_of
+from betterbench.policies.conventions.presets import LEROBOT_SO101, PRESETS, adapter_of
 from betterbench.policies.kinds import kind_of, read_address
 from betterbench.sim.worlds.calvin import ChainScene
 from betterbench.sim.worlds.calvin.simulator import CalvinSimulator
@@ -126,7 +126,7 @@ def test_calvin_is_given_what_the_client_of_the_field_gives_it(name, monkeypatch
 
 def test_every_preset_of_another_world_is_compared_with_a_client():
     translating = {name for name in PRESETS if name.endswith(tuple(f"_{suite}" for suite in BASES_M))}
-    ours = {"native", "openpi_droid", "gr00t_new_embodiment", "gr00t_oxe_widowx", "gr00t_oxe_droid"}
+    ours = {"native", "openpi_droid", "gr00t_new_embodiment", "gr00t_oxe_widowx", "gr00t_oxe_droid", *LEROBOT_SO101}
     assert PRESETS.keys() - CALVIN_PRESETS.keys() - translating - ours == clients_answers.LIBERO.keys()
     assert CALVIN_PRESETS.keys() == clients_answers.CALVIN.keys()
 

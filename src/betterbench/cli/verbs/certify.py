@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def certify_command(
     workers: int | None = None,
     demonstrations: int | None = None,
     looks: str = "seen",
+    arm: ChosenRobot = USUAL_OPTION,
     write_package: bool = False,
     overwrite: bool = False,
     json: bool = False,
@@ -52,6 +54,7 @@ def certify_command(
         workers: Number of worker processes; default: one per CPU core.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
+        arm: The robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are taken over from the packaged files, if their versions agree.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
@@ -68,6 +71,8 @@ def certify_command(
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
+    if write_package and arm != USUAL_OPTION:
+        raise InvalidInputError("--write-package", "the packaged files are those of the Panda", "Leave out --robot")
     if write_package and demonstrations is None and looks != "seen":
         raise InvalidInputError(
             "--write-package", "it replaces the certificate with the seen looks", "Leave out --looks"
@@ -75,15 +80,20 @@ def certify_command(
     kept = None
     if write_package and demonstrations is None and tasks:
         kept = packaged_coverage().only(versions_in_use([name for name in of_suite if name not in tasks]))
-    prepare_robot("panda")
+    prepare_robot(arm.robot)
     folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
     if demonstrations is not None:
         with folder:
             _measure(
-                tasks or of_suite, out, demonstrations, workers or os.cpu_count() or 1, write_package=write_package
+                tasks or of_suite,
+                out,
+                demonstrations,
+                workers or os.cpu_count() or 1,
+                robot=arm.robot,
+                write_package=write_package,
             )
         return
-    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks)
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks, robot=arm.robot)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with folder, progress_bar("certify", len(planned)) as (bar, task):
 
@@ -94,7 +104,8 @@ def certify_command(
             if last is not None and not last.passed:
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
-        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
+        count = workers or os.cpu_count() or 1
+        certificate = certify(planned, out, workers=count, looks=plan.looks, robot=plan.robot, on_progress=told)
         page = write_certificate_page(certificate, out / "certificate.html")
         if write_package:
             _write_package(certificate, kept, of_suite)
@@ -105,7 +116,7 @@ def certify_command(
     OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
 
 
-def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, write_package: bool) -> None:
+def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, robot: str, write_package: bool) -> None:
     """Measure demonstrations and write the measurements to files."""
     from betterbench.certification.measuring import destination, measure, write_demonstrations
     from betterbench.tasks import get_task
@@ -123,7 +134,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, wr
             if last is not None and last.problem:
                 say(f"{name}: {last.problem}; the demonstration is left out")
 
-        found = measure(tasks, out, number=number, workers=workers, on_progress=told)
+        found = measure(tasks, out, number=number, workers=workers, robot=robot, on_progress=told)
     for name, shown in found.items():
         OUT.print(
             f"{name}: {shown.solved} demonstrations, {len(shown.releases)} placements", markup=False, soft_wrap=True

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from betterbench.cli.console import progress_bar
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot
 
 
 def collect_command(
@@ -16,6 +17,7 @@ def collect_command(
     demos: int = 10,
     seed: int | None = None,
     attempts: int = 4,
+    arm: ChosenRobot = USUAL_OPTION,
     workers: int | None = None,
     films: bool = True,
     json: bool = False,
@@ -35,6 +37,7 @@ def collect_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
         attempts: Maximum attempts at one start, each in another motion style.
+        arm: The robot.
         workers: Number of worker processes; default: one per CPU core.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
@@ -46,7 +49,7 @@ def collect_command(
     from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
     of_suite = suite_tasks(suite)
-    prepare_robot("panda")
+    prepare_robot(arm.robot)
     with progress_bar("collect", 0) as (bar, shown):
 
         def told(progress: SetProgress) -> None:
@@ -58,6 +61,7 @@ def collect_command(
             demos=demos,
             first_seed=FIRST_DEMONSTRATION_SEED if seed is None else seed,
             attempts=attempts,
+            robot=arm.robot,
             workers=workers or os.cpu_count() or 1,
             on_progress=told,
         )

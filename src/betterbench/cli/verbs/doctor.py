@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, print_json, print_table, say
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot
 from betterbench.errors import BetterError, HandshakeError
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def doctor_command(
     action_space: str | None = None,
     observation: str = "default",
     quality: str = "standard",
+    arm: ChosenRobot = USUAL_OPTION,
     proof: bool = True,
     out: Path | None = None,
     overwrite: bool = False,
@@ -43,6 +45,7 @@ def doctor_command(
         action_space: Action space of the planned run; the policy's own if not given.
         observation: Observation preset of the planned run: default, official or state_only.
         quality: Render preset: fast, standard or high.
+        arm: The robot of the planned run.
         proof: Replay a demonstration; up to 100 requests.
         out: PNG file to write; doctor-POLICY.png if not given.
         overwrite: Replace a file that better doctor did not write.
@@ -67,6 +70,7 @@ def doctor_command(
             observation=observation,
             quality=quality,
             proof=proof,
+            robot=arm.robot,
             on_conventions=None if json else print_conventions,
         )
         write_preflight_sheet(preflight_view(found), out)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot, RobotOption
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.quoting import default_name, shell_line, shell_word
 
@@ -40,8 +41,8 @@ class TrialOptions:
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: The policy's action space; default: ee_delta, and in another world the space given in the policy
-            address.
+        action_space: The policy's action space; default: the robot's usual one (ee_delta of the Panda), and in another
+            world the space given in the policy address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
@@ -131,6 +132,7 @@ def evaluate_command(
     out: Path | None = None,
     from_run: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
     chosen: Annotated[TrialOptions, tyro.conf.arg(name="")] = TrialOptions(),
+    arm: ChosenRobot = USUAL_OPTION,
     world: Annotated[WorldOptions, tyro.conf.arg(name="")] = WorldOptions(),
     workers: int | None = None,
     envs: int | None = None,
@@ -157,6 +159,7 @@ def evaluate_command(
         out: Run folder; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
+        arm: The robot.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Number of worker processes; default: one per CPU core.
         envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
@@ -181,17 +184,19 @@ def evaluate_command(
     chosen_world = world_of_suite(chosen.suite)
     _refuse_other_options(world, chosen_world)
     if not chosen_world.facts.measured:
+        _refuse_changed(arm, f"{chosen.suite} has its own robot", "Leave out {option}")
         plan = _world_plan(policy, from_run, chosen, world)
         for line in plan.world.announcement(plan.trials, chosen.suite):
             say(line)
     else:
-        plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
+        plan = _plan(policy, from_run, chosen, arm, allow_other_versions=allow_other_versions, trust=trust)
         if not uncertified:
             _require_certified(plan, certificate)
         out = out or Path("runs") / default_folder(plan.policy)
         certified = ([] if certificate is None else ["--certificate", str(certificate)]) + [
             "--uncertified"
         ] * uncertified
+        certified += arm.words
         _say_plan(plan, out, chosen, certified if from_run is None else None, at_length=explain_power)
     run = run_with_bar(
         plan,
@@ -210,7 +215,7 @@ def evaluate_command(
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
     """Print the number of trials and the drops that they can show; for a large plan, also print a smaller command.
 
-    ``certified`` has the certificate options; None if the plan comes from another run.
+    ``certified`` has the options for robot and certificate; None if the plan comes from another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -246,7 +251,13 @@ def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequ
 
 
 def _plan(
-    policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool, trust: bool
+    policy: str | None,
+    from_run: Path | None,
+    chosen: TrialOptions,
+    arm: RobotOption,
+    *,
+    allow_other_versions: bool,
+    trust: bool,
 ) -> Plan:
     """Return the plan that the options describe, or the plan of the run to repeat."""
     from betterbench.evaluation import make_plan
@@ -260,16 +271,16 @@ def _plan(
     # load the suite even if --tasks names other tasks, so that a mistyped suite is reported
     of_suite = suite_tasks(chosen.suite)
     if from_run is not None:
-        _refuse_changed(chosen, "--from repeats a run as it was", "Leave out {option}, or --from")
+        for given in (chosen, arm):
+            _refuse_changed(given, "--from repeats a run as it was", "Leave out {option}, or --from")
         plan = repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions, trust=trust)
         if policy is None:
             say(f"Policy named in {from_run}: {plan.policy}")
         return plan
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
-    options = asdict(chosen)
+    options = asdict(chosen) | asdict(arm)
     del options["suite"]
-    options["action_space"] = chosen.action_space or "ee_delta"
     options["trials"] = USUAL_TRIALS if chosen.trials is None else chosen.trials
     return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
 
@@ -321,7 +332,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
     raise InvalidInputError(option, f"it is for {titles}", f"Leave out {option}, or give --suite {suite}")
 
 
-def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
+def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str, cure: str) -> None:
     """Reject the first option that is not at its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:

@@ -161,13 +161,14 @@ def _export_dataset(
     from betterbench.cli.progress import took
     from betterbench.demonstrations.export import ExportPlan, export_dataset, layout_of, select_demonstrations
     from betterbench.demonstrations.export.job import validation_seeds
+    from betterbench.demonstrations.export.layout import robot_of_runs
     from betterbench.records import RunFolder
 
     if out is None:
         what = "file, such as demos.hdf5" if to == "robomimic" else "folder of the data set"
         raise InvalidInputError("--out", "is missing", f"Name the {what}")
-    layout = layout_of(options.preset, options.observation)
     folders = [RunFolder.open(run) for run in runs]
+    layout = layout_of(options.preset, options.observation, robot=robot_of_runs(folders))
     selection = select_demonstrations(folders, tasks=options.tasks, variations=options.variations)
     plan = ExportPlan(folders, selection, layout, to, out, **written)
     began = time.monotonic()

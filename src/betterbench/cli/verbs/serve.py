@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import OUT, say
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot
 from betterbench.errors import InvalidInputError
 from betterbench.quoting import shell_word
 
@@ -34,6 +35,7 @@ def serve_command(
     task: str | None = None,
     condition: str | None = None,
     seed: int | None = None,
+    arm: ChosenRobot = USUAL_OPTION,
     api_key_env: str | None = None,
 ) -> None:
     """Serve a policy with the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
@@ -57,6 +59,7 @@ def serve_command(
         task: Task of clients that do not name one.
         condition: That task's condition; its first training condition if not given.
         seed: That trial's seed; 0 if not given.
+        arm: The robot of an expert's clients.
         api_key_env: Environment variable with the key that clients must send.
     """
     from betterbench.evaluation import open_server
@@ -68,7 +71,9 @@ def serve_command(
     trial = chosen_trial(task, condition, seed)
     key = _key(api_key_env)
     if chunk is not None:
-        _require_expert(policy)
+        _require_expert(policy, "--chunk", "chooses the length of its chunks itself")
+    if arm != USUAL_OPTION:
+        _require_expert(policy, "--robot", "acts with the robot of its observations")
     server = open_server(
         policy,
         host=host,
@@ -77,13 +82,15 @@ def serve_command(
         batch=MAX_BATCH if batch is None else batch,
         clients=MAX_CLIENTS if clients is None else clients,
         trial=trial,
+        robot=arm.robot,
         layout=layout,
         api_key=key,
         made=None if batch is None else _batch_policy(policy),
     )
     if api_key_env is None and host not in ("127.0.0.1", "localhost", "::1"):
         say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
-    evaluation = f"better eval --policy {shell_word(server.address)}{loading_options()} --trials 3"
+    arm_words = "".join(f" {word}" for word in arm.words)
+    evaluation = f"better eval --policy {shell_word(server.address)}{loading_options()} --trials 3{arm_words}"
     with _connections_logged(), stopped_by_signal() as stopped, server:
         OUT.print(
             f"serving {policy} at {server.address}\n"
@@ -113,15 +120,13 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
     return named_trial(task, condition, 0 if seed is None else seed)
 
 
-def _require_expert(policy: str) -> None:
-    """Raise InvalidInputError if a policy chooses the length of its chunks itself; unknown policies fail later."""
+def _require_expert(policy: str, option: str, does: str) -> None:
+    """Raise InvalidInputError if a policy is not an expert, whose option this is; unknown policies fail later."""
     from betterbench.policies.kinds import find_kind
 
     kind = find_kind(policy)
     if kind is not None and not kind.needs_of(policy).state:
-        raise InvalidInputError(
-            "--chunk", f"{policy} is not an expert and chooses the length of its chunks itself", "Leave out --chunk"
-        )
+        raise InvalidInputError(option, f"{policy} is not an expert and {does}", f"Leave out {option}")
 
 
 def _batch_policy(policy: str) -> BatchPolicy:

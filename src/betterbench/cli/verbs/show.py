@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from betterbench.cli.console import say
+from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot
 from betterbench.errors import InvalidInputError
 
 
@@ -17,6 +18,7 @@ def show_command(
     out: Path = Path("scene.png"),
     seed: int = 0,
     size: int = 512,
+    arm: ChosenRobot = USUAL_OPTION,
     overwrite: bool = False,
 ) -> None:
     """Draw a training scene next to the test scene with the same seed, and outline the changes.
@@ -28,6 +30,7 @@ def show_command(
         out: PNG or JPEG file to write.
         seed: Seed of both scenes.
         size: Side of each image in pixels.
+        arm: The robot.
         overwrite: Replace a file that better show did not write.
     """
     from betterbench.evaluation import show_comparison, show_training
@@ -39,7 +42,8 @@ def show_command(
         raise InvalidInputError("--out", f"{out} ends with {out.suffix!r}", "Name a file that ends with .png or .jpg")
     task, _, name = what.partition("/")
     with OutputFile(out, "show", overwrite=overwrite):
-        image = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
+        options: dict[str, Any] = {"seed": seed, "size": size, "robot": arm.robot}
+        image = show_comparison(task, name, **options) if name else show_training(task, **options)
         lines = shown_credits(task, name or None)
         write_durably(out, image_file(image, out.suffix, remark="\n".join([mark_of("show"), *lines])))
     say(f"wrote {out}", whole=True)

@@ -12,15 +12,16 @@ from betterbench.interface.actions import (
     EE_POSE,
     JOINT_DELTA,
     JOINT_POSITION,
+    JOINT_SPACES,
     JOINT_STEP_PER_UNIT_RAD,
+    ROBOT_ACTION_SPACES,
     ROTATION_PER_UNIT_RAD,
     TRANSLATION_PER_UNIT_M,
     ActionSpace,
     action_space,
 )
 from betterbench.records import Record
-
-JOINTS = 7
+from betterbench.sim.robots import robot_of_space
 
 
 def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
@@ -35,17 +36,20 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     It stays in joint references, because the controller's response to another pose is not recorded.
 
     Raises:
-        InvalidInputError: If the record lacks the seven joint references, or the action space is unknown.
+        InvalidInputError: If the record lacks a reference of one of the joints, or the action space is unknown.
     """
     meant = _meant(record)
     if record.metadata.action_space == space.name:
         return meant
     gripper = commands(meant[:, -1])[:, None]
     positions, quaternions = _goals(record, meant)
-    if space.name in (JOINT_POSITION.name, JOINT_DELTA.name) and record.act.shape[1] != JOINTS:
-        problem = f"it has {record.act.shape[1]} joint references, and {JOINTS} are needed for {space.name}"
+    joints = space.dim - 1
+    if space.name in JOINT_SPACES and record.act.shape[1] != joints:
+        problem = f"it has {record.act.shape[1]} joint references, and {joints} are needed for {space.name}"
         raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
-    if space.name == JOINT_POSITION.name:
+    if space.name in ROBOT_ACTION_SPACES:
+        motion, gripper = record.act[1:] / space.scale[:-1], _openings(record, space)
+    elif space.name == JOINT_POSITION.name:
         motion = np.array(record.act[1:])
     elif space.name == JOINT_DELTA.name:
         motion = _joint_steps(record.act)
@@ -57,6 +61,15 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
         raise InvalidInputError("action space", f"{space.name!r} is unknown", "Choose another preset")
     actions = np.concatenate([motion, gripper], axis=1)
     return np.array([space.clip(action) for action in actions]).reshape(-1, space.dim)
+
+
+def _openings(record: Record, space: ActionSpace) -> np.ndarray:
+    """Return the commanded openings of the gripper (n_steps, 1) in a space of the robot's own motors.
+
+    The servo of the gripper is the last one of a robot.
+    """
+    jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
+    return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])
 
 
 def _noise(record: Record) -> float:
@@ -98,13 +111,13 @@ def commands(gripper: np.ndarray) -> np.ndarray:
 
 
 def _joint_steps(references: np.ndarray) -> np.ndarray:
-    """Return joint deltas (n, 7) that follow joint references (n + 1, 7) within the bounds of a step."""
+    """Return joint deltas (n, joints) that follow joint references (n + 1, joints) within the bounds of a step."""
     here, steps = np.array(references[0]), []
     for goal in references[1:]:
         step = np.clip((goal - here) / JOINT_STEP_PER_UNIT_RAD, -1.0, 1.0)
         here = here + JOINT_STEP_PER_UNIT_RAD * step
         steps.append(step)
-    return np.array(steps).reshape(-1, JOINTS)
+    return np.array(steps).reshape(-1, references.shape[1])
 
 
 def _pose_steps(record: Record, positions: np.ndarray, quaternions: np.ndarray, *, measured: bool) -> np.ndarray:

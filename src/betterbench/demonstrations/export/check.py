@@ -21,6 +21,7 @@ from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.demonstrations.export.robomimic import read_origin, require_same_content
 from betterbench.demonstrations.export.robomimic_check import RobomimicCheck
 from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import OnCount
 from betterbench.json_form import SEAL, file_digest, parse_json, read_ordinary
 from betterbench.records import Record, RunFolder
@@ -54,7 +55,10 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
         RecordError: If no run has an episode's record, or the record is damaged.
     """
     source = _source(path)
-    layout = layout_of(source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"])
+    shape = source["layout"]
+    layout = layout_of(
+        shape["adapter"]["name"], shape["observation"]["name"], robot=str(shape.get("robot", USUAL_ROBOT))
+    )
     form: ImageForm = "png" if path.is_file() else source["images"]
     expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
     found = [_trial(runs, about) for about in episodes]

@@ -28,12 +28,14 @@ from betterbench.demonstrations.export.robomimic import require_h5py, require_sa
 from betterbench.demonstrations.export.selection import ChosenTrial, Selection
 from betterbench.demonstrations.export.video import VIDEO_SETTINGS, require_even
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.evaluation.planning.plan import robot_space
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import OnCount, RunLock, counts, in_threads, run_items, write_durably
 from betterbench.jobs.durable import on_disk, remove_parts
 from betterbench.jobs.lock import LOCK_NAME
 from betterbench.jobs.outputs import require_replaceable
 from betterbench.json_form import dump_json, file_digest, open_seal, read_ordinary, sealed_form
-from betterbench.policies.conventions.presets import NATIVE
+from betterbench.policies.conventions.presets import LEROBOT_SO101, NATIVE
 from betterbench.quoting import shell_word
 from betterbench.records import Record, RunFolder
 from betterbench.records.twins import read_pairs
@@ -425,10 +427,13 @@ def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[st
     name = layout.adapter.name
     words = ["better eval --policy"]
     own = {"lerobot": "lerobot:CHECKPOINT", NATIVE.name: "python:FILE.py:CLASS"}
+    own |= {motors: f'"lerobot:CHECKPOINT?preset={motors}"' for motors in LEROBOT_SO101}
     words.append(own.get(name, f'"PROTOCOL://HOST:PORT?preset={name}"'))
     if layout.observation.name != "default":
         words.append(f"--observation {layout.observation.name}")
-    if layout.adapter.answer.space != "ee_delta":
+    if layout.robot != USUAL_ROBOT:
+        words.append(f"--robot {layout.robot}")
+    if layout.adapter.answer.space != robot_space(layout.robot):
         words.append(f"--action-space {layout.adapter.answer.space}")
     if quality != "standard":
         words.append(f"--quality {quality}")

@@ -5,13 +5,14 @@ The adapter makes every column, so a policy is trained on exactly the data that 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from betterbench.errors import InvalidInputError
+from betterbench.evaluation.planning.plan import robot_space
 from betterbench.interface import CameraSpec, ObservationSpec, observation_spec
-from betterbench.interface.actions import action_space
+from betterbench.interface.actions import ROBOT_ACTION_SPACES, USUAL_ROBOT, action_space
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
@@ -19,6 +20,9 @@ from betterbench.policies.conventions.modality import name_of
 from betterbench.policies.conventions.presets import own_preset
 from betterbench.policies.conventions.proprioception import StateRule
 from betterbench.policies.conventions.rotation import ROTATION_SIZES
+from betterbench.records import RunFolder
+from betterbench.sim.robots import robot as robot_named
+from betterbench.sim.robots import robot_of_space
 
 NumberType = Literal["float32", "float64", "int64"]
 
@@ -82,6 +86,7 @@ class DatasetLayout:
         adapter: Adapter that fills them.
         observation: Preset that ``better eval --observation`` renders for the policy.
         copies: Columns of images that repeat another one.
+        robot: Name of the robot.
     """
 
     adapter: Adapter
@@ -90,6 +95,7 @@ class DatasetLayout:
     states: tuple[VectorColumn, ...]
     action: VectorColumn
     copies: Mapping[str, str] = field(default_factory=dict)
+    robot: str = USUAL_ROBOT
 
     @property
     def cameras(self) -> tuple[CameraSpec, ...]:
@@ -108,6 +114,7 @@ class DatasetLayout:
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
+            **({} if self.robot == USUAL_ROBOT else {"robot": self.robot}),
             "images": {c.name: {"key": list(c.key), "camera": c.camera} for c in self.all_images.values()},
             "vectors": {
                 c.name: [{"key": list(p.key), "start": p.start, "end": p.end} for p in c.parts]
@@ -116,18 +123,20 @@ class DatasetLayout:
         }
 
 
-def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
+def layout_of(name: str, observation: str | None = None, *, robot: str | None = None) -> DatasetLayout:
     """Return a preset's layout.
 
     ``observation`` is the observation preset for evaluating the policy; by default the first preset with all required
-    cameras.
+    cameras. ``robot`` is the name of the robot in the records, by default one that executes the actions.
 
     Raises:
-        UnknownNameError: If no such preset exists.
+        UnknownNameError: If no such preset exists, or the robot does not execute its actions.
         InvalidInputError: If only another world executes its actions, or the observation preset lacks a required
             camera.
     """
     adapter = own_preset(name)
+    robot = robot or robot_of_space(adapter.answer.space).name
+    robot_space(robot, adapter.answer.space)
     spec = _observation(adapter, observation)
     sizes = {camera.name: camera for camera in spec.cameras}
     images = []
@@ -136,9 +145,16 @@ def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
             key = rule.named(camera)
             width, height = _shown_size(rule, sizes[camera])
             images.append(ImageColumn(_image_name(adapter.name, key), key, camera, width, height))
-    return DatasetLayout(
-        adapter, spec, tuple(images), _states(adapter), _action(adapter), _REPEATED.get(adapter.name, {})
-    )
+    states, repeated = _states(adapter, len(robot_named(robot).arm_joints)), _REPEATED.get(adapter.name, {})
+    return DatasetLayout(adapter, spec, tuple(images), states, _action(adapter), repeated, robot)
+
+
+def robot_of_runs(runs: Sequence[RunFolder]) -> str:
+    """Return the name of the robot in some runs; raise InvalidInputError if they have different robots."""
+    names = sorted({str(run.plan.get("robot", USUAL_ROBOT)) for run in runs})
+    if len(names) > 1:
+        raise InvalidInputError("runs", f"they have the robots {', '.join(names)}", "Export each robot's runs apart")
+    return names[0]
 
 
 def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
@@ -170,25 +186,34 @@ def _image_name(adapter: str, key: tuple[str, ...]) -> str:
     return bare if _is_openpi(adapter) else IMAGES + bare
 
 
-def _states(adapter: Adapter) -> tuple[VectorColumn, ...]:
+def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
     """Return the columns of the robot's state: one for all, or one for each if the trainer or precision needs it."""
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []
     for rule in adapter.states:
+        components = _components(rule, joints)
+        size = len(components)
         if adapter.name == "native" or _is_openpi(adapter.name):
             bare = rule.key[-1].rpartition("/")[2] if _is_openpi(adapter.name) else rule.key[-1].replace("/", ".")
-            columns.append(VectorColumn(bare, (VectorPart(rule.key, 0, rule.size),), _components(rule), rule.dtype))
+            columns.append(VectorColumn(bare, (VectorPart(rule.key, 0, size),), components, rule.dtype))
         else:
-            parts.append(VectorPart(rule.key, len(names), len(names) + rule.size))
-            names += _components(rule)
+            parts.append(VectorPart(rule.key, len(names), len(names) + size))
+            names += components
     return (*columns, *((VectorColumn(STATE, tuple(parts), tuple(names)),) if parts else ()))
 
 
-def _components(rule: StateRule) -> tuple[str, ...]:
-    """Return a name for each number in a state."""
-    sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns()]
-    return tuple(part if size == 1 else f"{part}.{i}" for part, size in sizes for i in range(size))
+def _components(rule: StateRule, joints: int) -> tuple[str, ...]:
+    """Return a name for each number in a state of an arm with this number of joints."""
+    sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns(joints)]
+    return tuple(name for part, size in sizes for name in _part_names(part, size))
+
+
+def _part_names(part: str, size: int) -> tuple[str, ...]:
+    """Return the names of a state part's numbers: those of the motors for a part in their units."""
+    if part in ROBOT_ACTION_SPACES:
+        return ROBOT_ACTION_SPACES[part].components
+    return (part,) if size == 1 else tuple(f"{part}.{i}" for i in range(size))
 
 
 def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
@@ -204,7 +229,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
         case "rotation":
             return (turns["xyz".index(axis)],) if axis else turns
         case "joints":
-            return tuple(f"joint{i + 1}" for i in range(7))
+            return action_space(answer.space).components[:-1]
         case "unused":
             return tuple(f"unused.{i}" for i in range(part.size or 0))
     return (kind,)

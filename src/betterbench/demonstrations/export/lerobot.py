@@ -24,8 +24,8 @@ from betterbench.demonstrations.export.part import Part
 from betterbench.demonstrations.export.video import CODEC, PIXEL_FORMAT, join
 from betterbench.jobs import write_durably
 from betterbench.quoting import json_text
+from betterbench.sim.robots import robot
 
-ROBOT_TYPE = "panda"
 CHUNK_FILES = 1000
 """Maximum number of files in a folder ``chunk-NNN``."""
 
@@ -171,7 +171,7 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
     """Return ``meta/info.json``."""
     return {
         "codebase_version": "v3.0",
-        "robot_type": ROBOT_TYPE,
+        "robot_type": robot(dataset.layout.robot).dataset_type,
         "total_episodes": len(dataset.episodes),
         "total_frames": dataset.frames,
         "total_tasks": len(dataset.instructions),

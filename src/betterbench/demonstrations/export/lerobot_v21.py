@@ -14,7 +14,6 @@ from betterbench.demonstrations.export.episodes import Dataset, splits, starts
 from betterbench.demonstrations.export.layout import ACTION, STATE, DatasetLayout
 from betterbench.demonstrations.export.lerobot import (
     CHUNK_FILES,
-    ROBOT_TYPE,
     Totals,
     counters,
     episode_stats,
@@ -27,6 +26,7 @@ from betterbench.demonstrations.export.part import parquet_bytes
 from betterbench.jobs import write_durably
 from betterbench.policies.conventions.modality import name_of
 from betterbench.quoting import json_text
+from betterbench.sim.robots import robot
 
 EPISODES_FILE, EPISODES_STATS_FILE = "meta/episodes.jsonl", "meta/episodes_stats.jsonl"
 MODALITY_FILE = "meta/modality.json"
@@ -126,7 +126,7 @@ def info_v21(dataset: Dataset) -> dict[str, Any]:
     total, videos = len(dataset.episodes), len(dataset.layout.all_images) if dataset.form == "video" else 0
     return {
         "codebase_version": "v2.1",
-        "robot_type": ROBOT_TYPE,
+        "robot_type": robot(dataset.layout.robot).dataset_type,
         "total_episodes": total,
         "total_frames": dataset.frames,
         "total_tasks": len(dataset.instructions),

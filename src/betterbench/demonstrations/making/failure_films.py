@@ -32,7 +32,7 @@ def film_failures(
         path = run.inside(FOLDER, name)
         try:
             if not path.exists():
-                scene = scene_of(trial, method.quality)
+                scene = scene_of(trial, method.quality, method.robot)
                 record = attempt_at(scene, number, method).record
                 with LimitedView(quality="fast", size=SIZE) as view:
                     view.open(scene.files())

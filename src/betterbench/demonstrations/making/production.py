@@ -47,7 +47,7 @@ from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.evaluation.planning.manifest import run_context
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.running.lost import reopen_lost
-from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT
 from betterbench.jobs import JobProgress, in_processes, run_items
 from betterbench.jobs.durable import on_disk
 from betterbench.jobs.line_journal import complete_lines, say_lost_tail
@@ -91,6 +91,7 @@ class Method:
         task_files: The user's files that workers load before anything else.
         regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene share their seeds and the expert's motion styles.
+        robot: Name of the robot.
     """
 
     policy: str
@@ -104,6 +105,7 @@ class Method:
     regime: Regime = "training"
     twins: bool = False
     source_tasks: tuple[str, ...] = ()
+    robot: str = USUAL_ROBOT
 
     def task(self, name: str) -> Task:
         """Return a task with the regime's conditions as its training conditions."""
@@ -166,6 +168,7 @@ def method_of(run: RunFolder) -> Method:
         str(quality.get("name")) if isinstance(quality, dict) else "standard",
         regime=form.regime,
         twins=form.twins,
+        robot=str(run.plan.get("robot", USUAL_ROBOT)),
         source_tasks=tuple(dict.fromkeys(trial.task for trial in run.planned)) if form.sources else (),
     )
 
@@ -268,6 +271,7 @@ def collect(
     attempts: int = 4,
     regime: Regime = "training",
     twins: bool = False,
+    robot: str = USUAL_ROBOT,
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
@@ -282,6 +286,7 @@ def collect(
         regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene get the same seeds and motion styles, so that the cause is the
             only difference.
+        robot: Name of the robot.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
@@ -293,7 +298,7 @@ def collect(
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
-    method = Method(EXPERT, first_seed, attempts, regime=regime, twins=twins)
+    method = Method(EXPERT, first_seed, attempts, regime=regime, twins=twins, robot=robot)
     return _produce(method, tasks, out, demos=demos, workers=workers, on_progress=on_progress)
 
 
@@ -342,7 +347,10 @@ def amplify(
     for name in named:
         _check_sources(run, in_regime(get_task(name), regime))
     hashed = set_hash(run, named)
-    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), hashed, chosen, regime=regime, source_tasks=named)
+    robot = str(run.plan.get("robot", USUAL_ROBOT))
+    method = Method(
+        AMPLIFIED, first_seed, attempts, str(run.path), hashed, chosen, regime=regime, source_tasks=named, robot=robot
+    )
     return _produce(method, named, out, demos=demos, workers=workers, on_progress=on_progress)
 
 
@@ -382,7 +390,7 @@ def _produce(
     wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
         demonstrated(task, engine=engine_version())  # the training support is compared with it
-    versions = versions_in_use([task.id for task in chosen])
+    versions = versions_in_use([task.id for task in chosen], robot=method.robot)
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
     while True:
@@ -443,7 +451,7 @@ def _is_settled(start: Start, *, found: Mapping[TrialId, StartOutcome], journal:
 def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return plan and context of a run for ``run.json``."""
     trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
-    plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality)
+    plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality, method.robot)
     policy = {"address": method.policy, "name": method.policy, "needs_images": False}
     engine = {"name": "local", "workers": workers, "envs": 1}
     context = {**run_context(plan, policy=policy, engine=engine), "sources": method.sources}
@@ -504,7 +512,7 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
     load_sources(method.task_files)
     run = RunFolder(Path(out), {}, {})  # its description may be missing for a moment
     began = time.perf_counter()
-    scene = scene_of(trial, method.quality)
+    scene = scene_of(trial, method.quality, method.robot)
     setup_s = time.perf_counter() - began
     notes: list[AttemptNote] = []
     digest: str | None = None
@@ -523,10 +531,17 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
     return _Produced(StartOutcome(trial.task, trial.condition, trial.seed, tuple(notes)), digest, stored, wall)
 
 
-def scene_of(trial: TrialId, quality: str) -> Scene:
+def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
     """Return a demonstration's scene."""
     found = resolve_condition(trial.task, trial.condition)
-    return Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
+    return Scene(
+        found.task,
+        found.condition,
+        seed=trial.seed,
+        action_space=EE_DELTA,
+        quality=quality_preset(quality),
+        robot_name=robot,
+    )
 
 
 def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:

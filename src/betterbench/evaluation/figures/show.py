@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
-from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT
 from betterbench.records.credits import credit_lines
 from betterbench.sim.assets import build
 from betterbench.sim.assets.asset import origin_of
@@ -25,10 +25,16 @@ _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 
 
 def show_condition(
-    task: Task, condition: Condition, *, seed: int, size: int, outlined: Sequence[str] = ()
+    task: Task,
+    condition: Condition,
+    *,
+    seed: int,
+    size: int,
+    outlined: Sequence[str] = (),
+    robot: str = USUAL_ROBOT,
 ) -> Image.Image:
     """Return the front view of a condition at reset, ``size`` pixels wide and high, with some objects outlined."""
-    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"))
+    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"), robot_name=robot)
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
     if view.rgb is None or view.masks is None:
@@ -37,7 +43,9 @@ def show_condition(
     return Image.fromarray(_outline(view.rgb, np.isin(view.masks, bodies), max(2, size // 180)))
 
 
-def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) -> Image.Image:
+def show_comparison(
+    task_id: str, name: str, *, seed: int = 0, size: int = 512, robot: str = USUAL_ROBOT
+) -> Image.Image:
     """Return a variation's training scene next to its test scene, with outlined changes.
 
     Both scenes have the same seed. Each image is ``size`` pixels wide and high.
@@ -46,8 +54,8 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     variation = task.variation(name)
     base, found = task.train(variation.base), resolve_condition(task_id, name)
     test, outlined = found.condition, sorted(found.changes.objects)
-    left = show_condition(task, base, seed=seed, size=size, outlined=outlined)
-    right = show_condition(task, test, seed=seed, size=size, outlined=outlined)
+    left = show_condition(task, base, seed=seed, size=size, outlined=outlined, robot=robot)
+    right = show_condition(task, test, seed=seed, size=size, outlined=outlined, robot=robot)
     head = f"{task.title} · {variation.name} · {_printable(variation.title)}"
     return _side_by_side(
         head,
@@ -87,10 +95,14 @@ def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
     return buffer.getvalue()
 
 
-def show_training(task_id: str, *, seed: int = 0, size: int = 512, columns: int = 4) -> Image.Image:
+def show_training(
+    task_id: str, *, seed: int = 0, size: int = 512, columns: int = 4, robot: str = USUAL_ROBOT
+) -> Image.Image:
     """Return all training conditions of a task, in rows of ``columns`` images."""
     task = get_task(task_id)
-    panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training]
+    panels = [
+        (c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size, robot=robot)) for c in task.training
+    ]
     return _in_rows(f"{task.title} · training distribution", panels, columns)
 
 

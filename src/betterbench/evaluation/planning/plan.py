@@ -9,7 +9,8 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.interface import observation_spec
-from betterbench.interface.actions import ACTION_SPACES
+from betterbench.interface.actions import USUAL_ROBOT
+from betterbench.sim.robots import robot as robot_named
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.worlds import OWN_WORLD, PlanRequest, SceneOptions, World
 from betterbench.statistics import StoppingRule
@@ -44,7 +45,7 @@ class Plan:
     action_space: str
     observation: str
     quality: str
-    robot: str = "panda"
+    robot: str = USUAL_ROBOT
     looks: Looks = "seen"
     until_decided: StoppingRule | None = None
     world: World = OWN_WORLD
@@ -94,18 +95,20 @@ def make_plan(
     variations: Sequence[str] = (),
     trials: int = 20,
     seed: int = 0,
-    action_space: str = "ee_delta",
+    action_space: str | None = None,
     observation: str = "default",
     quality: str = "standard",
     looks: str = "seen",
     until_decided: bool = False,
+    robot: str = USUAL_ROBOT,
 ) -> Plan:
     """Return the plan for a run of the named tasks, by default all of better60.
 
     Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions of each task get as many
     trials in total as the variations, evenly distributed, including the variations' twins. Each trial in a plan for
     some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
-    With ``looks`` "unseen", objects and rooms have looks that do not occur in demonstrations.
+    Without ``action_space``, the actions are in the robot's usual action space. With ``looks`` "unseen", objects and
+    rooms have looks that do not occur in demonstrations.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.
@@ -120,14 +123,27 @@ def make_plan(
     if rule is not None and trials < rule.first:
         problem = f"{trials} are too few for a verdict with --until-decided"
         raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or leave out --until-decided")
-    if action_space not in ACTION_SPACES:
-        raise UnknownNameError("action space", action_space, ACTION_SPACES)
+    space = robot_space(robot, action_space)
     observation_spec(observation)
     quality_preset(quality)
     shown = looks_named(looks)
     options = {"variations": tuple(variations), "until_decided": until_decided}
     planned, world = OWN_WORLD.plan(PlanRequest(OUR_SUITE, tuple(tasks), trials, seed, options))
-    return Plan(policy, planned, action_space, observation, quality, looks=shown, until_decided=rule, world=world)
+    return Plan(policy, planned, space, observation, quality, robot, shown, rule, world)
+
+
+def robot_space(robot: str, action_space: str | None = None) -> str:
+    """Return an action space that a robot executes, by default its usual one.
+
+    Raises:
+        UnknownNameError: If the robot is unknown, or does not execute the action space.
+    """
+    known = robot_named(robot)
+    if action_space is None:
+        return known.action_spaces[0]
+    if action_space not in known.action_spaces:
+        raise UnknownNameError(f"action space of the {known.title}", action_space, known.action_spaces)
+    return action_space
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:

@@ -14,6 +14,7 @@ from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.trust import require_trust
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs.conflict import first_difference
 from betterbench.json_form import dump_json, open_form, read_form
 from betterbench.records import RunFolder
@@ -41,7 +42,7 @@ class _Plan:
     action_space: str
     observation: _Preset
     quality: _Preset
-    robot: str
+    robot: str = USUAL_ROBOT
     looks: Looks = "seen"
     until_decided: StoppingRule | None = None
 
@@ -116,7 +117,11 @@ def _open(path: Path) -> RunFolder:
 
 
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
-    """Yield the differences between a stored and a new plan that affect results, with both values."""
+    """Yield the differences between a stored and a new plan that affect results, with both values.
+
+    A stored plan without a robot is one of the Panda.
+    """
+    there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))
     for name in sorted((set(there) | set(here)) - set(_NOT_COMPARED)):
         old, new = there.get(name), here.get(name)

@@ -12,6 +12,7 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError
+from betterbench.evaluation.planning.plan import robot_space
 from betterbench.evaluation.preflight.proof import ReplayProof, prove_by_replay
 from betterbench.evaluation.trials.policy_thread import name_trial
 from betterbench.interface import (
@@ -23,12 +24,12 @@ from betterbench.interface import (
     episode_number,
     observation_spec,
 )
-from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.interface.actions import USUAL_ROBOT, ActionSpace, action_space
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import Declaration, declare_adapter, declare_space
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.factory import PolicyFactory, check_action_space, close_policy
-from betterbench.policies.kinds import make_policy, make_privileged, needs_of
+from betterbench.policies.kinds import kind_of, make_policy, make_privileged, needs_of
 from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -76,6 +77,7 @@ class PreflightCheck:
         first_s: Time of the first request [s].
         latencies_s: Times of the later requests [s].
         proof: Result of a replayed demonstration, or None if none was replayed.
+        robot: Name of the robot.
     """
 
     policy: str
@@ -91,6 +93,7 @@ class PreflightCheck:
     first_s: float
     latencies_s: tuple[float, ...]
     proof: ReplayProof | None = None
+    robot: str = USUAL_ROBOT
 
     @property
     def p50_s(self) -> float:
@@ -112,6 +115,7 @@ class PreflightCheck:
         return {
             "policy": self.policy,
             "trial": asdict(self.trial),
+            "robot": self.robot,
             "action_space": self.info.action_space,
             "needs_images": self.info.needs_images,
             "metadata": dict(self.info.metadata),
@@ -143,13 +147,15 @@ def run_preflight(
     observation: str = "default",
     quality: str = "standard",
     proof: bool = False,
+    robot: str = USUAL_ROBOT,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
     """Request a policy's actions at the start of a trial, with the presets of a planned run.
 
-    The action space is the policy's own if None. With ``proof``, a demonstration of the trial is replayed through a
-    policy that uses observations (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the
-    declarations of both sides, before the comparison.
+    The action space is the policy's own if None, or the robot's usual one for a policy that answers in each. With
+    ``proof``, a demonstration of the trial is replayed through a policy that uses observations
+    (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the declarations of both sides,
+    before the comparison.
 
     Raises:
         BetterError: If the policy does not answer, declares other conventions than the run, or gives an invalid answer.
@@ -164,18 +170,27 @@ def run_preflight(
         info = policies.check()
         client = None if needs.state else policies.take()
     try:
-        space = action_space(action_space_name or info.action_space)
+        usual = robot_space(robot, action_space_name)
+        space = action_space(action_space_name or (usual if usual in kind_of(policy).spaces else info.action_space))
+        robot_space(robot, space.name)
         spec = observation_spec(observation)
         conventions = policy_conventions(client, policy, info, space)
         if on_conventions is not None:
             on_conventions(conventions)
-        check_action_space(policy, info, space.name)
+        info = check_action_space(policy, info, space.name)
         agree = getattr(client, "check", None)
         if callable(agree):
             agree(space=space.name, observation=spec, rate_hz=CONTROL_RATE_HZ)
         if info.needs_images:
             spec = spec.only(info.cameras)
-        scene = Scene(found.task, found.condition, seed=trial.seed, action_space=space, quality=quality_preset(quality))
+        scene = Scene(
+            found.task,
+            found.condition,
+            seed=trial.seed,
+            action_space=space,
+            quality=quality_preset(quality),
+            robot_name=robot,
+        )
         seen, ask = _first_question(policy, client, scene, trial, spec if info.needs_images else None)
         actions, first_s, latencies_s = _ask_often(ask, space, ahead=info.execution.ahead)
         adapter = _adapter_of(client)
@@ -186,7 +201,9 @@ def run_preflight(
                 client = make_policy(policy)
                 name_trial(client, trial)
             shown = spec if info.needs_images else observation_spec("state_only")
-            proven = prove_by_replay(client, info, trial, space=space, spec=shown, quality=quality_preset(quality))
+            proven = prove_by_replay(
+                client, info, trial, space=space, spec=shown, quality=quality_preset(quality), robot=robot
+            )
         return PreflightCheck(
             policy=policy,
             trial=trial,
@@ -201,6 +218,7 @@ def run_preflight(
             first_s=first_s,
             latencies_s=latencies_s,
             proof=proven,
+            robot=robot,
         )
     finally:
         close_policy(client)

@@ -17,9 +17,10 @@ import numpy as np
 
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
+from betterbench.evaluation.planning.plan import robot_space
 from betterbench.geometry import Quaternion, normalize, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, ObservationSpec, Policy, PolicyInfo, episode_number
-from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, ActionSpace
+from betterbench.interface.actions import EE_DELTA_MEASURED, OPENING_SPACES, USUAL_ROBOT, ActionSpace, action_space
 from betterbench.interface.state import WorldState
 from betterbench.policies.experts import make_expert
 from betterbench.sim.robots.control import ControllerState
@@ -164,6 +165,7 @@ def prove_by_replay(
     space: ActionSpace,
     spec: ObservationSpec,
     quality: Quality,
+    robot: str = USUAL_ROBOT,
 ) -> ReplayProof:
     """Replay the expert's demonstration of a trial through a policy, and compare the path that its answers produce.
 
@@ -174,14 +176,15 @@ def prove_by_replay(
         space: The policy's action space.
         spec: Images for the policy.
         quality: Render quality of the images.
+        robot: Name of the robot.
 
     Raises:
         BetterError: If the policy fails or gives an invalid answer.
     """
     found = resolve_condition(trial.task, trial.condition)
     scenes = [
-        Scene(found.task, found.condition, seed=trial.seed, action_space=driven, quality=quality)
-        for driven in (EE_DELTA, space)
+        Scene(found.task, found.condition, seed=trial.seed, action_space=driven, quality=quality, robot_name=robot)
+        for driven in (action_space(robot_space(robot)), space)
     ]
     demonstration, executed = _Demonstration(scenes[0]), scenes[1]
     paths, observer = _PATHS.get(space.name, _JointPaths)(space), Observer(spec)
@@ -203,7 +206,9 @@ def prove_by_replay(
                 paths.add(action, before, demonstration.moment())
                 executed.step(action)
                 if told != 0.0:
-                    same.append(bool(np.sign(action[-1]) == np.sign(told)))
+                    opens = space.name in OPENING_SPACES
+                    answered = executed.state().gripper_command if opens else np.sign(action[-1])
+                    same.append(bool(answered == np.sign(told)))
             paths.mark()
     finally:
         observer.close()
@@ -244,6 +249,7 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
+        self._last = np.zeros(scene.action_space.dim)  # the rest of a delta; an absolute action differs from it
 
     def is_over(self) -> bool:
         """Whether the expert has come to rest, or the trial has ended."""
@@ -255,10 +261,13 @@ class _Demonstration:
 
     def step(self) -> float:
         """Execute the expert's next action and return its gripper command."""
+        space = self.scene.action_space
         action = self.scene.step(np.asarray(self._expert.act_on_state(self.state)))
         self.state = self.scene.state()
-        self._idle = 0 if np.abs(action[:-1]).max() > 1e-3 else self._idle + 1
-        return float(action[-1])
+        self._idle = 0 if np.abs(action[:-1] - self._last[:-1]).max() > 1e-3 else self._idle + 1
+        if not space.is_delta:
+            self._last = action
+        return self.state.gripper_command if space.name in OPENING_SPACES else float(action[-1])
 
 
 class _Paths:
@@ -317,8 +326,9 @@ class _PosePaths(_Paths):
 class _JointPaths(_Paths):
     """Joint angles, relative to the demonstration's first angles."""
 
-    units = ("rad",) * 7
-    names = tuple(f"joint{i}" for i in range(1, 8))
+    def __init__(self, space: ActionSpace) -> None:
+        self.names, self.units = space.components[:-1], space.units[:-1]
+        super().__init__(space)
 
     def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
         end = np.array(after.commanded.joints)
@@ -326,7 +336,7 @@ class _JointPaths(_Paths):
         if self._space.is_delta:
             self._now[1] += action[:-1] * self._scale
         else:
-            self._now[1] = self._now[0] + (action[:-1] - end)
+            self._now[1] = self._now[0] + (action[:-1] * self._scale - end)
 
 
 _PATHS: dict[str, type[_Paths]] = {"ee_delta": _DeltaPaths, "ee_delta_measured": _DeltaPaths, "ee_pose": _PosePaths}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.evaluation.preflight.check import PreflightCheck, ShownImage
-from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.interface.actions import OPENING_SPACES, ActionSpace, action_space
 from betterbench.sim.scenes import Renderer, Scene
 from betterbench.sim.scenes.cameras import camera_matrices
 from betterbench.sim.scenes.stage import quality_preset
@@ -55,7 +55,14 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
     """
     condition = resolve_condition(found.trial.task, found.trial.condition)
     space, quality = action_space(found.info.action_space), quality_preset(found.quality)
-    scene = Scene(condition.task, condition.condition, seed=found.trial.seed, action_space=space, quality=quality)
+    scene = Scene(
+        condition.task,
+        condition.condition,
+        seed=found.trial.seed,
+        action_space=space,
+        quality=quality,
+        robot_name=found.robot,
+    )
     start = np.array(scene.reset().ee_pose.position)
     with Renderer(scene.model, width=_VIEW, height=_VIEW, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, _CAMERA)
@@ -84,7 +91,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
         scene=view.rgb,
         path=pixels[1:],
         aim=pixels[0],
-        turn=f"{_turn_text(found.actions[0], space)}; {_gripper_text(found.actions[0])}",
+        turn=f"{_turn_text(found.actions[0], space)}; {_gripper_text(found.actions[0], space)}",
     )
 
 
@@ -97,7 +104,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
         ("first action", _listed(action, space.components)),
         ("moves", f"{_listed(100.0 * first, ('x', 'y', 'z'), digits=1)} cm"),
         ("turns", _turn_text(action, space)),
-        ("gripper", _gripper_text(action)),
+        ("gripper", _gripper_text(action, space)),
         *(ends if len(found.actions) > 1 else ()),
         ("out of range", f"{out} of {_counted(len(found.actions))}, clipped" if out else "nothing"),
         ("axes", "x away from the robot (toward this camera), y to its left (right in the image), z up"),
@@ -135,8 +142,10 @@ def _turn_text(action: np.ndarray, space: ActionSpace) -> str:
     return f"turn by {degrees:.1f} degrees about ({numbers_text(axis, digits=2)})"
 
 
-def _gripper_text(action: np.ndarray) -> str:
+def _gripper_text(action: np.ndarray, space: ActionSpace) -> str:
     value = float(action[-1])
+    if space.name in OPENING_SPACES:
+        return f"gripper to {value / space.high[-1]:.0%} of its opening"
     return "gripper closes" if value > 0.0 else "gripper opens" if value < 0.0 else "gripper keeps its width"
 
 

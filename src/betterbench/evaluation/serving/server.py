@@ -15,7 +15,7 @@ from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
 from betterbench.evaluation.serving.shadow import ShadowSimulations
 from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
-from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
+from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT, ActionSpace, action_space
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import PROTOCOL
@@ -23,6 +23,7 @@ from betterbench.policies.conventions.presets import NATIVE, own_preset
 from betterbench.policies.kinds import kind_of, make_policy, needs_of
 from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
+from betterbench.sim.robots import robot as robot_named
 from betterbench.sim.scenes import engine_version
 from betterbench.sim.scenes.scene import CONTROL_RATE_HZ
 from betterbench.tasks import TrialId
@@ -52,6 +53,7 @@ def open_server(
     batch: int = MAX_BATCH,
     clients: int = MAX_CLIENTS,
     trial: TrialId | None = None,
+    robot: str = USUAL_ROBOT,
     layout: str | None = None,
     api_key: str | None = None,
     made: Policy | None = None,
@@ -67,6 +69,7 @@ def open_server(
         batch: Maximum number of observations in one call to a policy that supports batches.
         clients: Maximum simultaneous clients, not counting a run's workers.
         trial: Trial of clients that name none; if None, an expert finds the trial by the instruction.
+        robot: Robot of an expert's clients.
         layout: Preset in which an expert reads requests and answers them; None for native and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
         made: An existing policy, which the server will close, or None.
@@ -100,11 +103,13 @@ def open_server(
         )
     kind.describe(kind.parse(policy))  # report a missing checkpoint now, not to the first client
     if needs.state:
-        shadows = ShadowSimulations(policy)
-        adapter = None if layout in (None, NATIVE.name) else own_preset(layout)
+        shadows = ShadowSimulations(policy, robot=robot)
+        adapter = None if layout in (None, NATIVE.name) else own_preset(str(layout))
+        if adapter is not None:
+            _require_layout(adapter, robot, shadows.action_space)
         return PolicyServer(
             lambda: ShadowSession(shadows, chunk, trial, adapter),
-            metadata=_shadow_metadata(policy, chunk, trial, adapter),
+            metadata=_shadow_metadata(policy, chunk, trial, adapter, shadows.action_space),
             host=host,
             port=port,
             api_key=api_key,
@@ -126,7 +131,20 @@ def open_server(
         raise
 
 
-def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Adapter | None) -> dict[str, Any]:
+def _require_layout(layout: Adapter, robot: str, own_space: str) -> None:
+    """Raise InvalidInputError if actions in a robot's own space cannot be answered in a layout."""
+    space, spec = layout.answer.space, robot_named(robot)
+    if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
+        raise InvalidInputError(
+            "--layout",
+            f"{layout.name} answers in {space!r}, and the {spec.title} is served in {own_space!r}",
+            "Give a layout of this action space, or leave out --layout",
+        )
+
+
+def _shadow_metadata(
+    policy: str, chunk: int, trial: TrialId | None, layout: Adapter | None, own_space: str
+) -> dict[str, Any]:
     more = {
         "chunk": chunk,
         "trial": str(trial) if trial else "the first training condition whose instruction equals the prompt",
@@ -134,7 +152,7 @@ def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Ada
         "whole chunk",
         "episode": NEW_EPISODE,
     }
-    space = EE_DELTA if layout is None else action_space(layout.answer.space)
+    space = action_space(own_space if layout is None else layout.answer.space)
     told = declare(policy, space, needs_images=False, batch=1, more=more, expert=True)
     if layout is not None:
         told["betterbench"] |= {"preset": layout.name, "layouts": [layout.name]}

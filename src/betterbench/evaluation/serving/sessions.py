@@ -15,7 +15,7 @@ from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations, require_within
 from betterbench.geometry import Quaternion, from_axis_angle, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, Policy, episode_number
-from betterbench.interface.actions import EE_DELTA, action_space
+from betterbench.interface.actions import action_space
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.presets import OPENPI_LIBERO
 from betterbench.policies.conventions.proprioception import StateRule
@@ -58,7 +58,7 @@ class ShadowSession:
         request = read_request(message) if layout is None else read_layout_request(message, layout)
         states: States = [] if request.measured else read_states(message, layout or OPENPI_LIBERO)
         if request.start is not None:
-            _check_space(request.start, EE_DELTA.name, "an expert")
+            _check_space(request.start, self._shadows.action_space, "this expert")
         trial = request.trial or self._fixed or trial_of(request.instruction)
         # check the message before building a scene, which takes a hundred times as long
         found = resolve_condition(trial.task, trial.condition)

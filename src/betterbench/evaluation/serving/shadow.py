@@ -10,14 +10,23 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from dataclasses import dataclass
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
+from betterbench.evaluation.planning.plan import robot_space
 from betterbench.evaluation.serving.memory import return_memory
 from betterbench.geometry import normalize, to_axis_angle, turn_between
 from betterbench.interface import Observation
-from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_DELTA, JOINT_POSITION
+from betterbench.interface.actions import (
+    EE_DELTA_MEASURED,
+    EE_POSE,
+    JOINT_DELTA,
+    JOINT_POSITION,
+    USUAL_ROBOT,
+    action_space,
+)
 from betterbench.interface.state import WorldState
 from betterbench.policies.kinds import make_privileged
 from betterbench.sim.scenes import Scene
@@ -49,8 +58,8 @@ def require_within(trial: TrialId, step: int, step_limit: int) -> None:
 class ShadowSimulation:
     """One trial with one privileged policy, simulated up to the last requested step."""
 
-    def __init__(self, policy: str, trial: TrialId) -> None:
-        """Build the scene and reset it.
+    def __init__(self, policy: str, trial: TrialId, *, robot: str = USUAL_ROBOT) -> None:
+        """Build the scene and reset it. The policy answers in the robot's usual action space.
 
         Raises:
             UnknownNameError: If no such policy, task or condition exists.
@@ -60,8 +69,14 @@ class ShadowSimulation:
         self.trial, self.condition = trial, found.condition
         # physics does not depend on the render quality, so the client may use another preset
         self._scene = Scene(
-            found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast")
+            found.task,
+            found.condition,
+            seed=trial.seed,
+            action_space=action_space(robot_space(robot)),
+            quality=quality_preset("fast"),
+            robot_name=robot,
         )
+        self._spec = self._scene.compiled.robot
         self.step_limit = found.task.step_limit(found.condition)
         self._expert = make_privileged(policy, self._scene)
         try:
@@ -75,7 +90,7 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return the policy's actions from a control step on, (1 to ``count``, 7).
+        """Return the policy's actions from a control step on, (1 to ``count``, dim).
 
         There are fewer actions if the policy fails earlier.
 
@@ -103,21 +118,22 @@ class ShadowSimulation:
             instruction=self.condition.instruction.text,
             step=step,
             images={},
-            joint_positions=numbers[:7],
-            joint_velocities=numbers[15:],
-            ee_position=numbers[7:10],
-            ee_quaternion=numbers[10:14],
-            gripper_width=float(numbers[14]),
+            joint_positions=numbers.joint_positions,
+            joint_velocities=numbers.joint_velocities,
+            ee_position=numbers.ee_position,
+            ee_quaternion=numbers.ee_quaternion,
+            gripper_width=numbers.gripper_width,
             depth={},
             masks={},
         )
 
     def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
-        """Convert actions executed from a control step on, (n, 7), to another action space, (n, dim).
+        """Convert ``ee_delta`` actions executed from a control step on, (n, 7), to another action space, (n, dim).
 
-        The converted actions command the same poses and joint angles one step later.
+        The converted actions command the same poses and joint angles one step later. Actions that are in this space
+        already are returned unchanged.
         """
-        if space == EE_DELTA.name:
+        if space == self._scene.action_space.name:
             return actions
         rows = []
         for i, action in enumerate(actions.tolist(), start=step):
@@ -126,8 +142,8 @@ class ShadowSimulation:
                 numbers = [*after.pose.position, *after.pose.quaternion]
             elif space == EE_DELTA_MEASURED.name:
                 seen = self._measured[i]
-                turn = turn_between(normalize(seen[10:14].tolist()), after.pose.quaternion)
-                moved = [*(np.array(after.pose.position) - seen[7:10]), *to_axis_angle(turn)]
+                turn = turn_between(normalize(seen.ee_quaternion.tolist()), after.pose.quaternion)
+                moved = [*(np.array(after.pose.position) - seen.ee_position), *to_axis_angle(turn)]
                 numbers = (np.array(moved) / EE_DELTA_MEASURED.scale[:-1]).tolist()
             elif space == JOINT_POSITION.name:
                 numbers = list(after.joints)
@@ -156,30 +172,55 @@ class ShadowSimulation:
             raise PolicyError(f"{type(self._end).__name__}: {self._end}")
 
     def _compare(self, step: int, seen: Observation) -> None:
-        theirs = np.array([*seen.joint_positions, *seen.ee_position, *seen.ee_quaternion, seen.gripper_width])
-        gap = np.abs(theirs - self._measured[step][:15])
-        if gap.max() <= TOLERANCE:
+        here = self._measured[step]
+        if len(seen.joint_positions) != len(here.joint_positions):
+            raise InvalidInputError(
+                "better/joint_positions",
+                f"the client's robot has {len(seen.joint_positions)} joints, the served {self._spec.title} has "
+                f"{len(here.joint_positions)}",
+                "Serve and evaluate with the same --robot",
+            )
+        joint = float(np.abs(seen.joint_positions - here.joint_positions).max())
+        fingers = abs(seen.gripper_width - here.gripper_width)
+        turned = float(np.abs(seen.ee_quaternion - here.ee_quaternion).max())
+        if max(joint, fingers, turned, *np.abs(seen.ee_position - here.ee_position)) <= TOLERANCE:
             return
-        joint, tool = gap[:7].max(), float(np.linalg.norm(theirs[7:10] - self._measured[step][7:10]))
+        tool = float(np.linalg.norm(seen.ee_position - here.ee_position))
         raise PolicyError(
             f"{self.trial} step {step}: the client's robot is not where the answered actions lead (joints differ by up "
-            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {gap[14]:.3g} m). The client "
+            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} m). The client "
             "executed actions that were not in the answers, or runs another version or on another kind of CPU"
         )
 
 
-def _measure(state: WorldState) -> np.ndarray:
-    """Return (22,) joint angles, end-effector position and quaternion, distance of the pads, joint velocities."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measurement:
+    """Measurements of a robot at a control step, with the names and units of :class:`Observation`."""
+
+    joint_positions: np.ndarray
+    joint_velocities: np.ndarray
+    ee_position: np.ndarray
+    ee_quaternion: np.ndarray
+    gripper_width: float
+
+
+def _measure(state: WorldState) -> _Measurement:
     pose = state.ee_pose
-    tool = (*pose.position, *pose.quaternion, state.finger_width_m)
-    return np.array([*state.joint_positions, *tool, *state.joint_velocities])
+    return _Measurement(
+        np.array(state.joint_positions),
+        np.array(state.joint_velocities),
+        np.array(pose.position),
+        np.array(pose.quaternion),
+        float(state.finger_width_m),
+    )
 
 
 class ShadowSimulations:
     """The shadow simulations of one served policy, by trial."""
 
-    def __init__(self, policy: str) -> None:
-        self._policy = policy
+    def __init__(self, policy: str, *, robot: str = USUAL_ROBOT) -> None:
+        self._policy, self._robot = policy, robot
+        self.action_space = robot_space(robot)
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
         self._clients = 0
         # lock, because building a scene fills caches shared by all scenes
@@ -190,7 +231,7 @@ class ShadowSimulations:
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:
-                shadow = self._kept[trial] = ShadowSimulation(self._policy, trial)
+                shadow = self._kept[trial] = ShadowSimulation(self._policy, trial, robot=self._robot)
             self._kept.move_to_end(trial)
             self._drop_oldest()
             return shadow

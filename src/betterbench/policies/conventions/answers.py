@@ -12,6 +12,8 @@ from betterbench.errors import InvalidInputError, PolicyError, one_line
 from betterbench.geometry import conjugate, from_axis_angle, multiply, rotate, to_axis_angle
 from betterbench.interface import Observation
 from betterbench.interface.actions import (
+    JOINT_SPACES,
+    ROBOT_ACTION_SPACES,
     ROTATION_PER_UNIT_RAD,
     TRANSLATION_PER_UNIT_M,
     WORLD_ACTION_SPACES,
@@ -168,7 +170,8 @@ class AnswerRule:
                 )
 
     def _check_kinds(self) -> None:
-        needed = {"joints", "gripper"} if self.space.startswith("joint") else {"translation", "rotation", "gripper"}
+        needed = {"joints", "gripper"} if self.space in JOINT_SPACES else {"translation", "rotation", "gripper"}
+        needed = {"action"} if self.space in ROBOT_ACTION_SPACES else needed
         given: list[str] = [p.kind for p in self.parts if p.kind != "unused"]
         kinds = given
         for whole, axes in _BY_AXIS.items():
@@ -222,7 +225,12 @@ class AnswerRule:
         return replace(self, space=space, frame="base", step_rate_hz=None, **own_conventions(space))
 
     def _natural(self, kind: AnswerKind) -> int | None:
-        sizes = {"translation": 3, "rotation": ROTATION_SIZES[self.rotation], "joints": 7, "gripper": 1}
+        sizes = {
+            "translation": 3,
+            "rotation": ROTATION_SIZES[self.rotation],
+            "joints": action_space(self.space).dim - 1,
+            "gripper": 1,
+        }
         sizes |= {axis: 1 for axes in _BY_AXIS.values() for axis in axes}
         return action_space(self.space).dim if kind == "action" else sizes.get(kind)
 
@@ -321,7 +329,7 @@ class AnswerRule:
     ) -> np.ndarray:
         scale = np.array(action_space(self.space).scale[:-1])
         gripper = self._close(taken["gripper"])
-        if self.space.startswith("joint"):
+        if self.space in JOINT_SPACES:
             factor = self.joint_unit_rad * pace if self.space == "joint_delta" else 1.0
             return np.concatenate([taken["joints"] * (factor / scale), gripper], axis=1)
         rows = [row.tolist() for row in taken["rotation"]]
@@ -418,7 +426,7 @@ class AnswerRule:
             own = _OWN_ROTATION[self.space]
             kinds["translation"] = body[:, :3]
             kinds["rotation"] = np.array([to_format(from_format(q.tolist(), own), self.rotation) for q in body[:, 3:]])
-        elif self.space.startswith("joint"):
+        elif self.space in JOINT_SPACES:
             factor = self.joint_unit_rad * pace if self.space == "joint_delta" else 1.0
             kinds["joints"] = body * (scale / factor)
         elif self.space == "ee_pose":

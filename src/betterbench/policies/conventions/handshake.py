@@ -10,7 +10,7 @@ from pydantic import BaseModel, Strict, TypeAdapter, ValidationError
 
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError, one_line
 from betterbench.interface import Execution
-from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.interface.actions import JOINT_SPACES, OPENING_SPACES, ActionSpace, action_space
 from betterbench.json_form import first_problem
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA
@@ -110,9 +110,9 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
         action_high=space.high if answer.as_is else None,
         action_scale=space.scale if answer.as_is else None,
         action_convention=space.convention if answer.as_is else None,
-        position=None if space.name.startswith("joint") else "absolute_xyz" if absolute else "delta_xyz",
-        rotation=None if space.name.startswith("joint") else answer.rotation,
-        gripper=answer.gripper,
+        position=None if space.name in JOINT_SPACES else "absolute_xyz" if absolute else "delta_xyz",
+        rotation=None if space.name in JOINT_SPACES else answer.rotation,
+        gripper=None if space.name in OPENING_SPACES else answer.gripper,
         state=", ".join(part for rule in adapter.states for part in rule.parts) or None,
         language="instruction",
         rate_hz=adapter.control_rate_hz if rate_hz is None else rate_hz,

@@ -10,6 +10,7 @@ from typing import get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface.actions import (
+    JOINT_SPACES,
     PLAYED_IN,
     ROTATION_PER_UNIT_RAD,
     TRANSLATION_PER_UNIT_M,
@@ -28,7 +29,7 @@ from betterbench.policies.conventions.libero import (
     MEASURED_TRANSLATION_M,
     trained_on_libero,
 )
-from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.policies.conventions.proprioception import MotorPart, StateRule
 from betterbench.policies.conventions.rotation import RotationFormat
 
 _UNITS: dict[str, tuple[float, float]] = {
@@ -386,6 +387,17 @@ LEROBOT = Adapter(
 The state equals the state in betterbench's LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
 """
 
+LEROBOT_SO101: dict[str, Adapter] = {
+    f"lerobot_{space}": replace(
+        LEROBOT,
+        name=f"lerobot_{space}",
+        states=(StateRule(("observation.state",), (space,)),),
+        answer=AnswerRule(space, (AnswerPart(("action",), "action"),)),
+    )
+    for space in get_args(MotorPart)
+}
+"""LeRobot's ``so101_follower``: the positions of its six motors as state and action, in degrees or normalized."""
+
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (OPENPI_LIBERO, "openpi_libero", "close_positive"),
     (BEING_H_LIBERO, "being_h_libero", "open_fraction"),
@@ -403,6 +415,7 @@ _LAYOUTS = (
     *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
     *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
     *(DEXBOTIC, DEXBOTIC_COGACT),
+    *LEROBOT_SO101.values(),
 )
 
 PRESETS: dict[str, Adapter] = {
@@ -581,7 +594,7 @@ def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
         address.choice("units", (*_UNITS, "preset"), "preset"), (rule.translation_unit_m, rule.rotation_unit_rad)
     )
     for name in ("rotation", "units", "frame"):
-        meaningless = space.startswith("joint") or (name == "units" and (space == "ee_pose" or "absolute" in space))
+        meaningless = space in JOINT_SPACES or (name == "units" and (space == "ee_pose" or "absolute" in space))
         if meaningless and name in address.options:
             raise address.error(f"{name} has no effect for {space}", f"Leave {name} out")
     return replace(

@@ -12,6 +12,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.geometry import TOOL_DOWN, normalize, rotate, to_axis_angle_near, turn_between
 from betterbench.interface import Observation
+from betterbench.interface.actions import JOINT_POSITION, ROBOT_ACTION_SPACES, ActionSpace
 from betterbench.json_form import strict_form
 from betterbench.policies.conventions.rotation import ROTATION_SIZES, RotationFormat, to_format
 
@@ -56,8 +57,12 @@ StatePart = Literal[
     "joint_velocities",
     "step",
     "zero",
+    "so101_degrees",
+    "so101_normalized",
 ]
 """Part of a robot state.
+
+A part with the name of an action space of one robot's own motors has the measured positions in that space's units.
 
 ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is rotated from pointing straight
 down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
@@ -86,10 +91,18 @@ _SIZES: dict[str, int] = {
     "controller_position": 3,
     "controller_axis_angle": 3,
     "controller_rotation_6d": 6,
-    "joint_positions": 7,
-    "joint_velocities": 7,
+    "joint_positions": JOINT_POSITION.dim - 1,
+    "joint_velocities": JOINT_POSITION.dim - 1,
+    **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
+"""Number of values of each part, of the Panda where it depends on the robot."""
+
+_PER_JOINT = ("joint_positions", "joint_velocities")
+"""Parts with one value per arm joint."""
+
+MotorPart = Literal["so101_degrees", "so101_normalized"]
+"""Parts in the units of one robot's own motors."""
 
 
 @strict_form
@@ -125,11 +138,11 @@ class StateRule:
         """Whether the vector contains the end-effector position or one of its coordinates."""
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
-    def columns(self) -> list[tuple[StatePart, slice]]:
-        """Return the columns of the vector for each part."""
+    def columns(self, joints: int | None = None) -> list[tuple[StatePart, slice]]:
+        """Return the columns of the vector for each part, for an arm of ``joints`` joints; the Panda's if None."""
         found, begin = [], 0
         for part in self.parts:
-            end = begin + _SIZES.get(part, 1)
+            end = begin + (joints if joints and part in _PER_JOINT else _SIZES.get(part, 1))
             found.append((part, slice(begin, end)))
             begin = end
         return found
@@ -180,6 +193,8 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
         return list(observation.joint_velocities.tolist())
+    if part in ROBOT_ACTION_SPACES:
+        return _motor_positions(ROBOT_ACTION_SPACES[part], observation)
     if part == "step":
         return [observation.step]
     if part == "zero":
@@ -200,6 +215,22 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
     if part == "ee_rpy_from_down":
         return to_format(turn_between(TOOL_DOWN, (w, x, y, z)), "rpy")
     return _rotation((w, x, y, z), part.removeprefix("ee_"))  # type: ignore[arg-type]
+
+
+def _motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
+    """Return the measured positions of a robot's motors in the units of its action space.
+
+    Raises PolicyError if the observation is of another robot.
+    """
+    from betterbench.sim.robots import robot_of_space  # noqa: PLC0415 - MuJoCo, which only this part needs
+
+    spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
+    if len(joints) != space.dim - 1:
+        raise PolicyError(
+            f"{space.name} is a state of the {spec.title}, and the robot of the observation has {len(joints)} joints. "
+            f"Evaluate with --robot {spec.name}, or name another preset."
+        )
+    return spec.positions_in(space, joints, observation.gripper_width)
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:

@@ -27,7 +27,9 @@ _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
 """Bound on positions, angles and speeds of a robot [m, rad, m/s, rad/s]. The squares of far larger numbers overflow."""
-_MEASURED = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4}
+_MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
+"""Number of values of each measurement; None for one per joint of the client's robot."""
+_MOST_JOINTS = 32
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
 
@@ -139,6 +141,10 @@ def _name(form: Mapping[Any, Any], key: str) -> str:
 
 def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
     numbers = {name: _numbers(message.get(f"better/{name}"), f"better/{name}", n) for name, n in _MEASURED.items()}
+    joints, speeds = (len(numbers[f"joint_{name}"]) for name in ("positions", "velocities"))
+    if joints != speeds:
+        problem = f"expected {joints} numbers, one per joint position, got {speeds}"
+        raise InvalidInputError("better/joint_velocities", problem, "Send one number per joint in both")
     if np.signbit(numbers["ee_quaternion"][0]):
         numbers["ee_quaternion"] *= -1.0  # the same rotation with w >= 0, as in observations
     return Observation(
@@ -159,7 +165,7 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
 
 def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
     state = _numbers(message["observation/state"], "observation/state", 8)
-    unknown = np.full(7, math.nan)
+    unknown = np.full(7, math.nan)  # this layout is of LIBERO's robot, a Panda
     return Observation(
         instruction=instruction,
         step=step,
@@ -183,14 +189,21 @@ def _whole(value: object, where: str) -> int:
     return int(value)
 
 
-def _numbers(value: object, where: str, count: int) -> np.ndarray:
-    """Return a flat float64 array of finite numbers in the range of a robot's measurements."""
+def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
+    """Return a flat float64 array of finite numbers in the range of a robot's measurements.
+
+    A ``count`` of None stands for one number per joint, at most 32.
+    """
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only
     except (TypeError, ValueError, OverflowError):
         array = np.full(0, math.nan)
-    if array.shape != (count,) or not np.isfinite(array).all():
-        raise InvalidInputError(where, f"expected {count} finite numbers", f"Send a float array of shape ({count},)")
+    fits = 1 <= len(array) <= _MOST_JOINTS if count is None else len(array) == count
+    if not fits or not np.isfinite(array).all():
+        wanted, shape = (
+            ("one finite number per joint", "joints") if count is None else (f"{count} finite numbers", count)
+        )
+        raise InvalidInputError(where, f"expected {wanted}", f"Send a float array of shape ({shape},)")
     if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
         problem = f"the value {array[np.abs(array).argmax()]:g} is out of range"
         raise InvalidInputError(where, problem, "Send meters and radians")

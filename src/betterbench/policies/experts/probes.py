@@ -14,6 +14,7 @@ from difflib import SequenceMatcher
 
 import numpy as np
 
+from betterbench.interface.actions import EE_DELTA
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 from betterbench.policies.experts.motion import OPEN
 from betterbench.sim.scenes import Scene
@@ -23,7 +24,7 @@ from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 _KEPT = 256
 """Number of cached demonstrations. Several variations of a task have the same twin."""
 
-_DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
+_DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str, str], np.ndarray] = OrderedDict()
 
 OTHER_DEMONSTRATIONS = 500_000
 """Seed offset for another demonstration of the same trial."""
@@ -32,14 +33,15 @@ OTHER_DEMONSTRATIONS = 500_000
 class OpenLoop:
     """Open-loop policy that executes given actions in order and then does not move."""
 
-    def __init__(self, name: str, actions: np.ndarray) -> None:
+    def __init__(self, name: str, actions: np.ndarray, scene: Scene) -> None:
         """Prepare for an episode.
 
         Args:
             name: Policy address.
-            actions: (T, 7) actions to execute.
+            actions: (T, dim) actions to execute, in the scene's action space.
+            scene: The episode's scene.
         """
-        self._name, self._actions = name, actions
+        self._name, self._actions, self._controller = name, actions, scene.controller
         self.ground_truth = {"truth": "", "fault": "", "mishap": ""}
 
     @property
@@ -48,12 +50,14 @@ class OpenLoop:
         return self._name
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,)."""
+        """Return the next action in the scene's action space, shape (dim,)."""
         if state.step < len(self._actions):
             return np.array(self._actions[state.step])
-        still = np.zeros(7)
+        if len(self._actions) and self._controller.action_space.neutral is None:
+            return np.array(self._actions[-1])
+        still = np.zeros(EE_DELTA.dim)
         still[-1] = self._actions[-1][-1] if len(self._actions) else OPEN
-        return still
+        return self._controller.own_action(still)
 
 
 def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPolicy]) -> OpenLoop:
@@ -65,7 +69,7 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
         play: Factory of the policy whose motion is replayed, for a scene.
     """
     condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
-    return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play))
+    return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play), scene)
 
 
 def demonstration_seed(name: str, seed: int) -> int:
@@ -91,7 +95,7 @@ def by_sentence(scene: Scene) -> Condition:
 def demonstration(
     scene: Scene, condition: Condition, seed: int, play: Callable[[Scene], PrivilegedPolicy]
 ) -> np.ndarray:
-    """Return the (T, 7) actions with which a policy solves a training condition.
+    """Return the (T, dim) actions with which a policy solves a training condition.
 
     Args:
         scene: A scene of the task, with the action space and quality to use.
@@ -99,11 +103,18 @@ def demonstration(
         seed: Demonstration seed.
         play: Factory of the policy for a scene.
     """
-    key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name, scene.looks)
+    arm, space = scene.compiled.robot.name, scene.action_space
+    key = (scene.task.id, condition.name, seed, arm, space.name, scene.quality.name, scene.looks)
     if key in _DEMONSTRATIONS:
         return _DEMONSTRATIONS[key]
     other = Scene(
-        scene.task, condition, seed=seed, action_space=scene.action_space, quality=scene.quality, looks=scene.looks
+        scene.task,
+        condition,
+        seed=seed,
+        action_space=space,
+        quality=scene.quality,
+        looks=scene.looks,
+        robot_name=arm,
     )
     tracker = GoalTracker(condition, other.info, template=scene.task.template, control_rate_hz=other.control_rate_hz)
     policy, state = play(other), other.reset()
@@ -112,7 +123,7 @@ def demonstration(
         actions.append(policy.act_on_state(state))
         other.step(actions[-1])
         state = other.state()
-    _DEMONSTRATIONS[key] = np.array(actions).reshape(-1, 7)
+    _DEMONSTRATIONS[key] = np.array(actions).reshape(-1, space.dim)
     while len(_DEMONSTRATIONS) > _KEPT:
         _DEMONSTRATIONS.popitem(last=False)
     return _DEMONSTRATIONS[key]

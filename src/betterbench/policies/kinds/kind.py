@@ -121,6 +121,7 @@ class PolicyKind:
             ``--trust``.
         require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
         space_in_world: Returns the action space of a policy's answers in the address's world; None if not fixed.
+        spaces: Action spaces in which each policy can answer, as the run requires; empty if it has one of its own.
     """
 
     form: AddressForm
@@ -137,6 +138,7 @@ class PolicyKind:
     risk: str = ""
     require_world: Callable[[PolicyAddress, str], None] = _acts_in_each
     space_in_world: Callable[[PolicyAddress], str | None] = _leaves_open
+    spaces: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface import PolicyInfo
+from betterbench.interface.actions import PLANNED_SPACES
 from betterbench.policies.address import AddressForm, PolicyAddress
 from betterbench.policies.kinds.kind import STATE, PlannedTrial, PolicyKind, register, unknown_policy
 
@@ -43,12 +44,13 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
             make_for=_make,
             describe=describe_privileged,
             require_world=_require_world,
+            spaces=PLANNED_SPACES,
         )
     )
 
 
 def describe_privileged(address: PolicyAddress) -> PolicyInfo:
-    """Return the declarations for a policy that uses the state and answers in ``ee_delta``."""
+    """Return the declarations for a policy that uses the state and plans in ``ee_delta``."""
     return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
 
 

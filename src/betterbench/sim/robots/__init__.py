@@ -14,7 +14,15 @@ from betterbench.sim.graphics import require_engine
 require_engine()  # MuJoCo reads these variables at its import, and its error would not name a remedy
 
 from betterbench.sim.robots.panda import PANDA  # noqa: E402
-from betterbench.sim.robots.spec import Progress, RobotSpec, build_robot_spec, register_robot, robot, robot_names  # noqa: E402
+from betterbench.sim.robots.spec import (  # noqa: E402
+    Progress,
+    RobotSpec,
+    build_robot_spec,
+    register_robot,
+    robot,
+    robot_names,
+    robot_of_space,
+)
 
 for _found in pkgutil.iter_modules(__path__):
     if _found.ispkg:
@@ -36,6 +44,7 @@ __all__ = [
     "register_robot",
     "robot",
     "robot_names",
+    "robot_of_space",
 ]
 
 if not TYPE_CHECKING:

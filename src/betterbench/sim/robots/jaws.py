@@ -28,6 +28,9 @@ class Jaw(Protocol):
     def control_at(self, width_m: float) -> float:
         """Return the control of the gripper's servo for an opening width."""
 
+    def width_at_control(self, control: float) -> float:
+        """Return the opening width [m] that a control of the gripper's servo commands."""
+
     def width_at_share(self, share: float) -> float:
         """Return the opening width [m] at a share of the jaw's travel: 0 closed, 1 fully open."""
 
@@ -65,6 +68,10 @@ class ParallelJaw:
     def control_at(self, width_m: float) -> float:
         """Return the width itself [m]."""
         return width_m
+
+    def width_at_control(self, control: float) -> float:
+        """Return the control itself [m]."""
+        return control
 
     def width_at_share(self, share: float) -> float:
         """Return the opening width [m] at a share of the travel."""
@@ -127,6 +134,10 @@ class HingedJaw:
     def control_at(self, width_m: float) -> float:
         """Return the angle of the hinge [rad]."""
         return self.joints_at(width_m)[0]
+
+    def width_at_control(self, control: float) -> float:
+        """Return the opening width [m] at a commanded angle of the hinge [rad]."""
+        return self.width_at((control,))
 
     def width_at_share(self, share: float) -> float:
         """Return the opening width [m] at a share of the hinge's travel."""

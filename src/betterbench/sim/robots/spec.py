@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -10,6 +10,7 @@ import mujoco
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
+from betterbench.interface.actions import ActionSpace
 from betterbench.sim.robots.jaws import Jaw
 
 Progress = Callable[[str, int, int], None]
@@ -87,6 +88,7 @@ class RobotSpec:
 
     Attributes:
         name: Name in the registry ("panda").
+        dataset_type: Robot type in LeRobot's data sets ("so101_follower").
         source: Source of kinematics, masses and meshes.
         position_actuators: For each arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: For each arm joint, the servo that damps the joint toward the reference velocity.
@@ -117,6 +119,7 @@ class RobotSpec:
 
     name: str
     title: str
+    dataset_type: str
     source: str
     license: str
     arm_joints: tuple[str, ...]
@@ -178,6 +181,11 @@ class RobotSpec:
         """Time between two actions [s]."""
         return 1.0 / self.control_rate_hz
 
+    def positions_in(self, space: ActionSpace, joints: Sequence[float], width_m: float) -> list[float]:
+        """Return arm joints [rad] and the gripper's opening [m] in a space of the robot's own motors."""
+        *units, gripper = space.scale
+        return [*(q / unit for q, unit in zip(joints, units, strict=True)), self.jaw.share_at(width_m) / gripper]
+
     def contact_name(self, body: str) -> str | None:
         """Return this body's name in recorded contacts, or None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
@@ -221,6 +229,17 @@ def robot(name: str) -> RobotSpec:
         return _ROBOTS[name][0]
     except KeyError:
         raise UnknownNameError("robot", name, _ROBOTS) from None
+
+
+def robot_of_space(action_space: str) -> RobotSpec:
+    """Return the robot whose own motors an action space commands.
+
+    Raises UnknownNameError if no robot executes the action space.
+    """
+    known = {space: spec for spec, _ in reversed(_ROBOTS.values()) for space in spec.action_spaces}
+    if action_space not in known:
+        raise UnknownNameError("action space", action_space, known)
+    return known[action_space]
 
 
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:

@@ -11,7 +11,7 @@ import numpy as np
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.interface import ObservationSpec
-from betterbench.interface.actions import EE_DELTA, ActionSpace
+from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT, ActionSpace
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.sim.worlds.process import WorldProcesses
 from betterbench.tasks import Expected, Looks, TrialId, Truth
@@ -74,7 +74,7 @@ class SceneOptions:
     """Scene options that only some worlds have: render preset, robot, and looks of objects."""
 
     quality: str = "standard"
-    robot: str = "panda"
+    robot: str = USUAL_ROBOT
     looks: Looks = "seen"
 
 

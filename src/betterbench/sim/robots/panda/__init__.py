@@ -232,6 +232,7 @@ objects in trials."""
 PANDA = RobotSpec(
     name="panda",
     title="Franka Emika Panda with Franka Hand",
+    dataset_type="panda",
     source="franka_description (kinematics, limits); Gaz et al. 2019 (inertia); meshes of gymnasium-robotics",
     license="Apache-2.0 (Franka description and meshes), MIT (gymnasium-robotics)",
     arm_joints=tuple(f"joint{i}" for i in range(1, 8)),

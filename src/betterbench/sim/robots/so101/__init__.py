@@ -228,6 +228,7 @@ _OPENING_M = 0.085
 SO101 = RobotSpec(
     name="so101",
     title="SO-101 follower arm",
+    dataset_type="so101_follower",
     source="TheRobotStudio SO-ARM100, Simulation/SO101 (new calibration), by MuJoCo Menagerie robotstudio_so101; servo "
     "damping, friction and armature of Open Duck Mini",
     license="Apache-2.0",
