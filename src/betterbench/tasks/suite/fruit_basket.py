@@ -8,12 +8,13 @@ LEMON, MANGOSTEEN = a.item("lemon"), a.item("mangosteen")
 BLOCK, SOAP = a.distractor("block", color="red"), a.distractor("soap_bar", color="white")
 BASKET = a.container("basket", "fruit basket")
 
-# 15 to 24 cm from the first axis of the arm, which is at x = 0.039 m; both layouts use the same four slots.
-NEAR = a.Slot("near", 0.176, 0.052, jitter_m=0.01)
-RIGHT = a.Slot("right", 0.280, 0.005, jitter_m=0.01)
-MIDDLE = a.Slot("middle", 0.245, 0.118, jitter_m=0.01)
-LEFT = a.Slot("left", 0.150, 0.185, jitter_m=0.01)
-UNTRAINED = a.Slot("untrained", 0.165, -0.048, jitter_m=0.01)
+# 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m, and at least 15 cm from where the tool starts: an
+# open gripper that rests above an object counts as an interaction. Both layouts use the same four slots.
+NEAR = a.Slot("near", 0.118, 0.127, jitter_m=0.01)
+RIGHT = a.Slot("right", 0.257, 0.142, jitter_m=0.01)
+MIDDLE = a.Slot("middle", 0.180, 0.218, jitter_m=0.01)
+LEFT = a.Slot("left", 0.074, 0.248, jitter_m=0.01)
+UNTRAINED = a.Slot("untrained", 0.026, 0.149, jitter_m=0.01)
 STAND = a.Slot("stand", 0.185, -0.185, jitter_m=0.005, yaw_jitter=0.15)
 LAYOUT_1 = {LEMON: RIGHT, MANGOSTEEN: MIDDLE, BLOCK: NEAR, SOAP: LEFT, BASKET: STAND}
 LAYOUT_2 = {LEMON: LEFT, MANGOSTEEN: NEAR, BLOCK: MIDDLE, SOAP: RIGHT, BASKET: STAND}
