@@ -36,6 +36,14 @@ _SECTIONS = {
     "quotas": "A YAML or JSON file for `better generate --until --quotas`, see [growth](generating.md#grow-a-suite).",
 }
 
+_CHOICES = {
+    "Expected": "`succeed`, `refuse`, `stay_still` or `ambiguous`",
+    "Support": "`seen` or `novel`",
+    "State": "`on the table`, `at the target` or `absent`",
+    "Horizon": "`short` or `long`",
+}
+"""Types with few values, in words."""
+
 _TEXTS = {
     "Task": {
         "schema_version": "version of the form",
@@ -50,6 +58,8 @@ _TEXTS = {
         "variations": "test conditions",
         "notes": "further notes for its card",
         "regimes": "further sets of conditions for demonstrations, see `--regime`",
+        "robot": "name of the robot within whose reach the slots lie",
+        "matrices": "diagnostic matrices whose cells are conditions of the task",
     },
     "Slot": {
         "name": "name of the slot",
@@ -78,6 +88,7 @@ _TEXTS = {
         "expected": "right behavior",
         "mid_task_look": "whether the start looks like the middle of a demonstration",
         "premise_broken": "whether a premise of the instruction is deliberately false",
+        "cloth": "color of the tablecloth; without it, the table top of the room is shown",
     },
     "Instruction": {
         "text": "sentence for the policy",
@@ -112,6 +123,18 @@ _TEXTS = {
         "conditions": "conditions; they are named `balanced1` or `diverse1` and so on. None may be a test",
         "crossed": "crossed and tied factors, one line each",
         "slots": "slots that only these conditions use",
+    },
+    "Matrix": {
+        "horizon": "matrix of the paper",
+        "rows": "object whose states define the rows",
+        "columns": "object whose states define the columns",
+        "cells": "nine cells, row by row",
+    },
+    "Cell": {
+        "row": "initial state of the object of the rows",
+        "column": "initial state of the object of the columns",
+        "conditions": "names of the conditions in the cell",
+        "paper": "outcome in the paper",
     },
     "Template": {
         "schema_version": "version of the form",
@@ -200,9 +223,7 @@ def _type(field: Mapping[str, Any]) -> str:
     """Return the type of a field in words."""
     if "$ref" in field:
         name = field["$ref"].rpartition("/")[2]
-        return {"Expected": "`succeed`, `refuse` or `stay_still`", "Support": "`seen` or `novel`"}.get(name) or (
-            f"[{name}](#{name.lower()})"
-        )
+        return _CHOICES.get(name) or f"[{name}](#{name.lower()})"
     if "anyOf" in field:
         return " or ".join(map(_type, field["anyOf"]))
     if "const" in field:

@@ -25,7 +25,7 @@ from betterbench.tasks import (
     template_to_json,
     training_distribution_of,
 )
-from betterbench.tasks.authoring.registry import notes_of
+from betterbench.tasks.authoring.registry import notes_of, suite_of
 from betterbench.tasks.interventions import vary
 from betterbench.tasks.judging.harm import NO_HARM
 from betterbench.tasks.relations import RELATIONS
@@ -44,8 +44,9 @@ def index_page(tasks: Sequence[Task]) -> str:
         cells = [f"[{task.title}](tasks/{task.id}.md)", f"`{task.id}`", _template_link(task.template, "")]
         cells += [str(len(task.training)), str(len(task.variations)), *(str(counts[c] or "–") for c in LETTERS)]
         rows.append(_row(cells))
-    total = Counter(v.axis.letter for t in tasks for v in t.variations)
-    sums = [str(sum(len(t.training) for t in tasks)), str(sum(total.values())), *(str(total[c]) for c in LETTERS)]
+    suite = [task for task in tasks if suite_of(task.id) == "better60"]
+    total = Counter(v.axis.letter for t in suite for v in t.variations)
+    sums = [str(sum(len(t.training) for t in suite)), str(sum(total.values())), *(str(total[c]) for c in LETTERS)]
     axes = "; ".join(f"{axis.letter} is {axis.value.replace('_', ' ')}" for axis in Axis)
     return "\n".join(
         [
@@ -61,7 +62,7 @@ def index_page(tasks: Sequence[Task]) -> str:
             _row(["task", "id", "template", "training conditions", "variations", *LETTERS]),
             _row(["---"] * 3 + ["---:"] * (2 + len(LETTERS))),
             *rows,
-            _row(["all", "", "", *sums]),
+            _row(["suite better60", "", "", *sums]),
             "",
             "Training scene and test scene of every variation for seed 0, with what changed outlined:",
             "",

@@ -15,10 +15,10 @@ from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.records import RunFolder
 from betterbench.sim.robots import robot, robot_names
 from betterbench.statistics import decide, smallest_paired_difference
-from betterbench.tasks import all_tasks, get_task
+from betterbench.tasks import get_task, suite_tasks
 from betterbench.tasks.interventions import vary
 
-TASKS = all_tasks()
+TASKS = tuple(get_task(name) for name in suite_tasks("better60"))
 
 
 @pytest.mark.parametrize("trials", [1, 3, 20])

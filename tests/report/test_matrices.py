@@ -14,11 +14,12 @@ from factory import diagnosis, trial
 
 from betterbench.diagnosis import Evidence, Label
 from betterbench.report import write_report
-from betterbench.report.tables.cell_position import CellPosition, Horizon, State, known_conditions, position_of
+from betterbench.report.tables.cell_position import CellPosition, known_conditions, position_of
 from betterbench.report.tables.latex import table_to_latex
 from betterbench.report.tables.matrices import PAPER, matrices_of, plain_matrix
 from betterbench.report.tables.table import to_csv
 from betterbench.tasks import all_tasks
+from betterbench.tasks.authoring.condition_matrix import Horizon, State
 from betterbench.tasks.condition import TargetRegion as At
 from betterbench.tasks.interventions.resolve import resolve_condition
 
@@ -144,9 +145,9 @@ def test_cells_count_outcomes(run):
 
 def test_empty_cells_say_why(run):
     short, long = matrices_of(run)
-    assert long.cell(ABSENT, TABLE).note == "Not in this run: fruit_lunch/O1."
-    assert long.cell(ABSENT, ABSENT).note == "No condition of the registered tasks has these initial states."
-    assert matrices_of(diagnosis([trial()]))[1].cell(TABLE, TABLE).note.endswith("breakfast_table/train4 and 24 more.")
+    assert long.cell(ABSENT, TABLE).note == "Not in this run: fruit_basket/O7, fruit_lunch/O1."
+    assert long.cell(ABSENT, ABSENT).note == "Not in this run: fruit_basket/O9."
+    assert matrices_of(diagnosis([trial()]))[1].cell(TABLE, TABLE).note.endswith("breakfast_table/train4 and 26 more.")
     for cell in (c for m in (short, long) for row in m.cells for c in row):
         assert cell.empty == bool(cell.note)
         assert cell.paper

@@ -16,7 +16,7 @@ from betterbench.tasks.judging.targets import Targets, asked_by
 
 # Containers count by themselves, and fixed furniture cannot fall.
 CONTAINERS_AND_FURNITURE = {
-    *("waste_bin", "takeaway_box", "lunchbox", "lower_drawer", "upper_drawer"),
+    *("waste_bin", "takeaway_box", "lunchbox", "fruit_basket", "lower_drawer", "upper_drawer"),
     *("spice_rack", "drawer_cabinet", "coffee_machine", "laptop"),
 }
 STANDING = {

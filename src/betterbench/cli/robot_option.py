@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
 
 from betterbench.interface.actions import USUAL_ROBOT
+from betterbench.tasks import get_task
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,15 +17,21 @@ class RobotOption:
     """The robot in the scenes.
 
     Attributes:
-        robot: Robot in the scenes: panda or so101.
+        robot: Robot in the scenes: panda or so101; by default the one that the (first) task is laid out for.
     """
 
-    robot: str = USUAL_ROBOT
+    robot: str | None = None
 
     @property
     def words(self) -> list[str]:
-        """The option as command-line words, empty for the usual robot."""
-        return [] if self == USUAL_OPTION else ["--robot", self.robot]
+        """The option as command-line words, empty if it was not given."""
+        return [] if self.robot is None else ["--robot", self.robot]
+
+    def of(self, tasks: Sequence[str]) -> str:
+        """Return the chosen robot, or the one of the first task; the usual robot without tasks."""
+        if self.robot is not None:
+            return self.robot
+        return get_task(tasks[0]).robot if tasks else USUAL_ROBOT
 
 
 ChosenRobot = Annotated[RobotOption, tyro.conf.arg(name="")]

@@ -272,7 +272,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
         findings=(
             *effect_findings(unused, str(decider)),
             *(favorite.finding(suite) for suite, favorite in favorites.items()),
-            *find_findings(found, rules),
+            *find_findings([t for t in found if not t.ambiguous], rules),
         ),
         notes=(*(() if decided is None else decided.notes()), *notes, *reader.last_notes(found)),
         thresholds=THRESHOLDS.to_json(), versions=versions, waiting=waiting, until_decided=decided,

@@ -7,6 +7,7 @@ from typing import Any
 
 from betterbench.diagnosis.until_decided import UntilDecided
 from betterbench.statistics import Rate
+from betterbench.tasks.axes import Expected
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.worlds.libero_plus import axis_of
@@ -59,7 +60,7 @@ class TrialDiagnosis:
         variation: Variation name, or None for a training condition.
         condition: Training condition name; for a variation, the training condition of its twin.
         axis: Variation axis, or None.
-        expected: "succeed", "refuse" or "stay_still".
+        expected: "succeed", "refuse", "stay_still" or "ambiguous".
         first_attempt: Object of the first grasp attempt, or None without an attempt or after an air grasp. A drawer
             is counted only if the drawer itself is requested first.
         first_attempt_kind: Kind of that object.
@@ -110,6 +111,11 @@ class TrialDiagnosis:
     harm: tuple[str, ...] = ()
     needless: tuple[Evidence, ...] = ()
     scene: str = ""
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the premise is broken, so that no behavior is a failure: such a trial is shown and not counted."""
+        return self.expected == Expected.AMBIGUOUS.value
 
     @property
     def kind(self) -> Kind:
@@ -227,6 +233,11 @@ class RunDiagnosis:
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
+        """The counted trials selected independently of outcomes; ambiguous trials are not counted."""
+        return tuple(t for t in self.shown_trials if not t.ambiguous)
+
+    @property
+    def shown_trials(self) -> tuple[TrialDiagnosis, ...]:
         """The trials selected independently of outcomes: all trials, or the first round of a run until decided."""
         if self.until_decided is None:
             return self.trials

@@ -47,7 +47,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         action_space: Name of an action space.
         quality: Name of a render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
-        robot: Name of a robot. Its joint measurements have as many entries as the arm has joints.
+        robot: Name of a robot; by default, the robot that the task is laid out for. Its joint measurements have as
+            many entries as the arm has joints.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -62,7 +63,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         action_space: str = "ee_delta",
         quality: str = "standard",
         looks: str = "seen",
-        robot: str = "panda",
+        robot: str | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Check all names; scenes are compiled at reset."""
@@ -73,7 +74,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._spec: ObservationSpec = observation_spec(observation)
         self._actions = action_space_named(action_space)
         self._quality, self._looks = quality_preset(quality), looks_named(looks)
-        self._robot, joints = robot, len(robot_named(robot).arm_joints)
+        self._robot = robot or self._task.robot
+        joints = len(robot_named(self._robot).arm_joints)
         self.render_mode = render_mode
         self._observer = Observer(self._spec)
         self._renderer: Renderer | None = None

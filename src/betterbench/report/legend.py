@@ -54,5 +54,6 @@ EXPECTED_NAMES: dict[str, str] = {
     "succeed": "reach the goal",
     "refuse": "refuse: the requested object is absent",
     "stay_still": "stay still: the task is already done",
+    "ambiguous": "ambiguous: the premise is broken, and no behavior is a failure",
 }
 """Correct behavior in words, by expected outcome."""

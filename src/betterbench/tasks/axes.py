@@ -33,11 +33,21 @@ class Axis(StrEnum):
 
 
 class Expected(StrEnum):
-    """Behavior of a policy that understands the instruction."""
+    """Behavior of a policy that understands the instruction.
+
+    If it is ambiguous, the premise is broken and no behavior is a failure: the trial is watched like a refusal and its
+    label is shown, but no rate counts it.
+    """
 
     SUCCEED = "succeed"
     REFUSE = "refuse"
     STAY_STILL = "stay_still"
+    AMBIGUOUS = "ambiguous"
+
+    @property
+    def lacks_target(self) -> bool:
+        """Whether a requested object is absent, so that no other object may be taken instead."""
+        return self in (Expected.REFUSE, Expected.AMBIGUOUS)
 
 
 class Support(StrEnum):

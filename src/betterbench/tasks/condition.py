@@ -77,6 +77,7 @@ class Condition:
         expected: Behavior of a policy that understands the instruction.
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
+        cloth: Color of the tablecloth, or None for the table top of the room.
     """
 
     task: str
@@ -89,6 +90,7 @@ class Condition:
     expected: Expected = Expected.SUCCEED
     mid_task_look: bool = False
     premise_broken: bool = False
+    cloth: str | None = None
 
     @property
     def id(self) -> str:
@@ -127,4 +129,6 @@ class Condition:
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
         form["opened"] = dict(self.opened)
+        if self.cloth is None:  # so that conditions without a cloth keep their form
+            del form["cloth"]
         return form

@@ -138,12 +138,19 @@ class Demonstrated:
         The poses come from the same object and target assets; if there are none, from the same object asset, then from
         the same object kind, then from any object at that target.
         """
-        place = (target_kind, relation, region)
-        there = [p for p in self.final_poses if (p.target_kind, p.relation, p.region) == place]
+        there = self._poses_at(target_kind, relation, region)
         of_kind = [p for p in there if p.kind == kind]
         same = [p for p in of_kind if p.asset == assets[0]]
         alike = [p for p in same if p.target_asset == assets[1]]
         return tuple(pose for found in alike or same or of_kind or there for pose in found.poses)
+
+    def shows(self, target_kind: str, relation: str, region: str, *, assets: tuple[str, str]) -> bool:
+        """Return whether a demonstration brought this very object asset to this target asset."""
+        there = self._poses_at(target_kind, relation, region)
+        return any((p.asset, p.target_asset) == assets for p in there)
+
+    def _poses_at(self, *place: str) -> list[FinalPoses]:
+        return [p for p in self.final_poses if (p.target_kind, p.relation, p.region) == place]
 
 
 @strict_form

@@ -80,7 +80,8 @@ def certify_command(
     kept = None
     if write_package and demonstrations is None and tasks:
         kept = packaged_coverage().only(versions_in_use([name for name in of_suite if name not in tasks]))
-    prepare_robot(arm.robot)
+    robot = arm.of(tasks or of_suite)
+    prepare_robot(robot)
     folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
     if demonstrations is not None:
         with folder:
@@ -89,11 +90,11 @@ def certify_command(
                 out,
                 demonstrations,
                 workers or os.cpu_count() or 1,
-                robot=arm.robot,
+                robot=robot,
                 write_package=write_package,
             )
         return
-    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks, robot=arm.robot)
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks, robot=robot)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with folder, progress_bar("certify", len(planned)) as (bar, task):
 

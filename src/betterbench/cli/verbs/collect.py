@@ -49,7 +49,8 @@ def collect_command(
     from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
     of_suite = suite_tasks(suite)
-    prepare_robot(arm.robot)
+    robot = arm.of(tasks or of_suite)
+    prepare_robot(robot)
     with progress_bar("collect", 0) as (bar, shown):
 
         def told(progress: SetProgress) -> None:
@@ -61,7 +62,7 @@ def collect_command(
             demos=demos,
             first_seed=FIRST_DEMONSTRATION_SEED if seed is None else seed,
             attempts=attempts,
-            robot=arm.robot,
+            robot=robot,
             workers=workers or os.cpu_count() or 1,
             on_progress=told,
         )

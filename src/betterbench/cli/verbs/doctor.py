@@ -70,7 +70,7 @@ def doctor_command(
             observation=observation,
             quality=quality,
             proof=proof,
-            robot=arm.robot,
+            robot=arm.of([task]),
             on_conventions=None if json else print_conventions,
         )
         write_preflight_sheet(preflight_view(found), out)

@@ -31,8 +31,8 @@ def list_command(
         print_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
     if what == "tasks":
-        shown = [[name, title, n, varied, f"{template}: {said}"] for name, title, template, n, varied, said in rows]
-        print_listing(["task", "title", "training", "variations", ""], shown)
+        shown = [[*row[:3], *row[4:6], f"{row[3]}: {row[6]}"] for row in rows]
+        print_listing(["task", "suite", "title", "training", "variations", ""], shown)
     elif what == "suites":
         print_table([*columns[:2], *columns[3:]], [[suite, world, *rest] for suite, world, _, *rest in rows])
         absent = list(dict.fromkeys(world for _, world, installed, *_ in rows if installed == "no"))
@@ -72,12 +72,15 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
 
         assets = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
         return ["asset", "looks", "colors"], assets
-    from betterbench.tasks import TEMPLATES, all_tasks, get_task
+    from betterbench.tasks import TEMPLATES, all_tasks, get_task, suite_of
 
     tasks = [get_task(name) for name in names] if names else all_tasks()
     if what == "tasks":
-        return ["task", "title", "template", "training", "variations", "description"], [
-            [t.id, t.title, t.template.title, str(len(t.training)), str(len(t.variations)), t.description]
+        return ["task", "suite", "title", "template", "training", "variations", "description"], [
+            [
+                *(t.id, suite_of(t.id) or "", t.title, t.template.title),
+                *(str(len(t.training)), str(len(t.variations)), t.description),
+            ]
             for t in tasks
         ]
     if what == "templates":

@@ -82,7 +82,7 @@ def serve_command(
         batch=MAX_BATCH if batch is None else batch,
         clients=MAX_CLIENTS if clients is None else clients,
         trial=trial,
-        robot=arm.robot,
+        robot=arm.of([] if trial is None else [trial.task]),
         layout=layout,
         api_key=key,
         made=None if batch is None else _batch_policy(policy),

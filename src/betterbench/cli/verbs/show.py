@@ -42,7 +42,7 @@ def show_command(
         raise InvalidInputError("--out", f"{out} ends with {out.suffix!r}", "Name a file that ends with .png or .jpg")
     task, _, name = what.partition("/")
     with OutputFile(out, "show", overwrite=overwrite):
-        options: dict[str, Any] = {"seed": seed, "size": size, "robot": arm.robot}
+        options: dict[str, Any] = {"seed": seed, "size": size, "robot": arm.of([task])}
         image = show_comparison(task, name, **options) if name else show_training(task, **options)
         lines = shown_credits(task, name or None)
         write_durably(out, image_file(image, out.suffix, remark="\n".join([mark_of("show"), *lines])))

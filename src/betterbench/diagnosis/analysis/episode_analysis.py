@@ -214,7 +214,7 @@ class EpisodeAnalysis:
         """Indices of the objects that the policy must not touch; empty unless it should refuse or stay still."""
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
-        return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
+        return off_limits(self.trace.info, self.asked_indices) if self.condition.expected.lacks_target else ()
 
     @property
     def shoves(self) -> tuple[Stay, ...]:
@@ -548,7 +548,7 @@ class EpisodeAnalysis:
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
             return not self.steps
-        if expected is Expected.REFUSE:
+        if expected.lacks_target:
             return not any(s.target in (AttemptTarget.OTHER, AttemptTarget.FOREIGN) for s in self.steps)
         telling = (s for s in self.steps if s.target is not AttemptTarget.ASKED or self._may_be_choice(s))
         first = next(telling, self.steps[0] if self.steps else None)
@@ -566,7 +566,7 @@ class EpisodeAnalysis:
         if self.condition.expected is Expected.STAY_STILL:
             return float(done[-1].mean())
         first = [int(np.argmax(column)) if column.any() else None for column in done.T]
-        refuse = self.condition.expected is Expected.REFUSE
+        refuse = self.condition.expected.lacks_target
         asked = [g for g in range(len(first)) if self.meant[g] or not refuse]
         if refuse and not asked:
             return 1.0

@@ -66,7 +66,9 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
     Returns:
         Rates, distractor grasp rate and progress per scope, instruction effects, ΔSR of recompositions, and illusion
         gaps. Each gap comes with two success rates: those of the twins and of the variations in the same pairs.
+        Ambiguous trials are in no metric.
     """
+    trials = [t for t in trials if not t.ambiguous]
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
     metrics: list[Metric] = []

@@ -483,7 +483,7 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None
     trace = episode.trace
-    if episode.condition.expected is Expected.REFUSE:  # requested objects that are present may be grasped
+    if episode.condition.expected.lacks_target:  # requested objects that are present may be grasped
         items = {i for i in trace.items if trace.info.objects[i].role != "drawer"} - episode.asked_indices
         touched = trace.touched & np.isin(np.arange(trace.touched.shape[1]), list(items))
     else:

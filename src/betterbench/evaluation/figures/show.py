@@ -68,6 +68,7 @@ _RIGHT = {
     "succeed": "the goal can be reached",
     "refuse": "correct: refuse",
     "stay_still": "correct: stay still",
+    "ambiguous": "ambiguous: no behavior is a failure",
 }
 """Correct behavior in a test scene, in words."""
 

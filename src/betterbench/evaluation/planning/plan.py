@@ -51,7 +51,8 @@ class Plan:
     world: World = OWN_WORLD
 
     def __post_init__(self) -> None:
-        """Check that a plan with ``until_decided`` has every pair: each variation and its twin with all seeds."""
+        """Check the robot of each task, and with ``until_decided`` every pair: a variation and its twin, all seeds."""
+        self._require_robot()
         if self.until_decided is None:
             return
         planned = {t.id for t in self.trials}
@@ -64,6 +65,16 @@ class Plan:
             raise InvalidInputError(
                 "trials", f"{what} is missing, but --until-decided needs every pair", "Plan the run again"
             )
+
+    def _require_robot(self) -> None:
+        """Check that every task of our own world is laid out for the robot of the plan."""
+        if self.world.name != OWN_WORLD.name:
+            return
+        for name in dict.fromkeys(t.task for t in self.trials):
+            needed = get_task(name).robot
+            if needed != self.robot:
+                problem = f"{name} is laid out for the robot {needed!r}, and the run has {self.robot!r}"
+                raise InvalidInputError("robot", problem, f"Run it with {needed!r}, apart from tasks of other robots")
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict, with all versions and conventions that affect results."""
@@ -100,7 +111,7 @@ def make_plan(
     quality: str = "standard",
     looks: str = "seen",
     until_decided: bool = False,
-    robot: str = USUAL_ROBOT,
+    robot: str | None = None,
 ) -> Plan:
     """Return the plan for a run of the named tasks, by default all of better60.
 
@@ -109,6 +120,8 @@ def make_plan(
     some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
     Without ``action_space``, the actions are in the robot's usual action space. With ``looks`` "unseen", objects and
     rooms have looks that do not occur in demonstrations.
+
+    The robot is by default the one that the first task is laid out for.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.
@@ -123,13 +136,14 @@ def make_plan(
     if rule is not None and trials < rule.first:
         problem = f"{trials} are too few for a verdict with --until-decided"
         raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or leave out --until-decided")
-    space = robot_space(robot, action_space)
     observation_spec(observation)
     quality_preset(quality)
     shown = looks_named(looks)
     options = {"variations": tuple(variations), "until_decided": until_decided}
     planned, world = OWN_WORLD.plan(PlanRequest(OUR_SUITE, tuple(tasks), trials, seed, options))
-    return Plan(policy, planned, space, observation, quality, robot, shown, rule, world)
+    arm = robot or get_task(planned[0].task).robot
+    space = robot_space(arm, action_space)
+    return Plan(policy, planned, space, observation, quality, arm, shown, rule, world)
 
 
 def robot_space(robot: str, action_space: str | None = None) -> str:

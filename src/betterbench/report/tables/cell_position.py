@@ -4,26 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cache
 
 from betterbench.tasks import Condition, Subgoal, all_tasks
-from betterbench.tasks.interventions.resolve import resolve_condition
-
-
-class State(StrEnum):
-    """Object state at the start of a trial."""
-
-    TABLE = "on the table"
-    TARGET = "at the target"
-    ABSENT = "absent"
-
-
-class Horizon(StrEnum):
-    """Matrix of the paper that a condition belongs to."""
-
-    SHORT = "short"
-    LONG = "long"
+from betterbench.tasks.authoring.condition_matrix import Horizon, State
+from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +18,17 @@ class CellPosition:
     horizon: Horizon
     row: State
     column: State
+
+
+def cell_of(setting: ResolvedCondition) -> CellPosition | None:
+    """Return the cell of a condition, or None: that in its task's own matrices, else by the initial states."""
+    for matrix in setting.task.matrices:
+        cell = matrix.cell_of(setting.condition.name)
+        if cell is not None:
+            return CellPosition(matrix.horizon, cell.row, cell.column)
+    if setting.task.matrices:
+        return None
+    return position_of(setting.condition, training=setting.axis is None)
 
 
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
@@ -58,7 +54,7 @@ def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
     for task in all_tasks():
         for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
             setting = resolve_condition(task.id, name)
-            cell = position_of(setting.condition, training=setting.axis is None)
+            cell = cell_of(setting)
             if cell is not None:
                 found.setdefault(cell, []).append(f"{task.id}/{name}")
     return {cell: tuple(ids) for cell, ids in found.items()}

@@ -7,25 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
-from betterbench.report.tables.cell_position import CellPosition, Horizon, State, known_conditions, position_of
+from betterbench.report.tables.cell_position import CellPosition, cell_of, known_conditions
 from betterbench.report.tables.table import Scalar, Table
 from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
+from betterbench.tasks.authoring.condition_matrix import Horizon, State
 from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label, all_labels
+from betterbench.tasks.suite.fruit_basket import LONG_MATRIX, SHORT_MATRIX
 from betterbench.tasks.worlds.facts import facts_of_task
 
-PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
-    Horizon.SHORT: (
-        ("success: grasps the target",) * 3,
-        ("correct freeze: sees that it is done",) * 3,
-        ("ambiguous: grasps the distractor", "ambiguous: freezes or air grasp", "ambiguous: air grasp"),
-    ),
-    Horizon.LONG: (
-        ("success: packs both", "success: packs the first, ends", "behavioral inertia: packs the first, air grasp"),
-        ("phase conflict I: freezes or skips", "success: sees that it is done", "phase conflict II: oscillates"),
-        ("success: packs the second", "correct freeze: sees that it is done", "ambiguous: air grasp"),
-    ),
+PAPER: Mapping[Horizon, tuple[tuple[str, ...], ...]] = {
+    matrix.horizon: tuple(tuple(cell.paper for cell in matrix.cells if cell.row is row) for row in State)
+    for matrix in (SHORT_MATRIX, LONG_MATRIX)
 }
 """Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. The paper gives no
 counts."""
@@ -86,6 +80,11 @@ class Cell:
     needless: int = 0
 
     @property
+    def ambiguous(self) -> bool:
+        """Whether the premise is broken in all conditions of the cell, so that no outcome is right or wrong."""
+        return bool(self.sources) and all(source.expected is Expected.AMBIGUOUS for source in self.sources)
+
+    @property
     def empty(self) -> bool:
         """Whether the run has no trial for the cell."""
         return self.success.n == 0
@@ -122,7 +121,8 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are assigned by the initial states of their objects, not by their names. The cell with all objects on the
+    A task's own matrices name the conditions of each cell. Conditions of other tasks are assigned by the initial states
+    of their objects, not by their names. The cell with all objects on the
     table contains only training conditions; every other cell contains all conditions with these initial states. Trials
     in other worlds are left out.
 
@@ -130,13 +130,13 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
-    for trial in diagnosis.even_trials:
+    for trial in diagnosis.shown_trials:
         if facts_of_task(trial.task).measured:
             trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
         setting = resolve_condition(*name.split("/"))
-        position = position_of(setting.condition, training=setting.axis is None)
+        position = cell_of(setting)
         if position is not None:
             groups.setdefault(position, []).append(_source(name, setting.condition, members))
     return _matrix(diagnosis.policy, Horizon.SHORT, groups), _matrix(diagnosis.policy, Horizon.LONG, groups)
@@ -150,7 +150,8 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
             rate = cell.success
             ends = (None, None) if cell.empty else (rate.low, rate.high)
             sources = " ".join(source.id for source in cell.sources)
-            where = (matrix.policy, cell.row.value, cell.column.value, rate.k, rate.n, rate.value, *ends)
+            right = (None, rate.n, None, None, None) if cell.ambiguous else (rate.k, rate.n, rate.value, *ends)
+            where = (matrix.policy, cell.row.value, cell.column.value, *right)
             rows.append((*where, cell.needless, outcomes_text(cell.labels), sources, cell.note, cell.paper))
     first = matrices[0] if matrices else None
     axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)

@@ -165,7 +165,7 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
         problem = f"no demonstration puts anything {relation.name} {target}{'.' if place.region else ''}{place.region}"
         raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place objects where training does")
     flat = final_pose(task, seed, kind=kind, region=place.region, poses=poses)
-    if not relation.falls:
+    if not relation.falls or known.shows(target, relation.name, place.region, assets=assets):
         return flat
     size_mm = 500.0 * max(asset.size_m[:2])
     x_most, y_most = (max(0.0, 1000.0 * half - size_mm) for half in on.region("inside").half_size[:2])

@@ -7,7 +7,8 @@ and white stays distinguishable from light gray.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from betterbench.errors import UnknownNameError
 from betterbench.geometry import Vector
@@ -77,6 +78,25 @@ UNSEEN_ROOMS: tuple[Room, ...] = (
     Room("plum terrazzo", "terrazzo", (0.45, 0.38, 0.44), (0.70, 0.76, 0.72), (0.60, 0.60, 0.58), _DAYLIGHT),
 )
 """The held-out rooms, which no demonstration shows."""
+
+
+CLOTHS: Mapping[str, Vector] = {"blue": (0.24, 0.36, 0.60), "green": (0.27, 0.48, 0.31)}
+"""Mean colors (r, g, b) of the tablecloths that conditions may name."""
+
+
+def with_cloth(room: Room, cloth: str | None) -> Room:
+    """Return a room with a tablecloth; None leaves the table bare.
+
+    Wall, floor and light are those of the room, so that conditions of one seed differ in the cloth alone.
+
+    Raises:
+        UnknownNameError: If there is no cloth of this color.
+    """
+    if cloth is None:
+        return room
+    if cloth not in CLOTHS:
+        raise UnknownNameError("tablecloth", cloth, CLOTHS)
+    return replace(room, name=f"{room.name}, {cloth} cloth", surface="cloth", table=CLOTHS[cloth])
 
 
 def room_named(name: str) -> Room:

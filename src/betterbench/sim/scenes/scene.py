@@ -34,6 +34,7 @@ from betterbench.sim.scenes.cameras import ViewPlacement
 from betterbench.sim.scenes.contacts import ContactReader
 from betterbench.sim.scenes.described import SceneDescription
 from betterbench.sim.scenes.instances import ROBOT_PREFIX
+from betterbench.sim.scenes.rooms import with_cloth
 from betterbench.sim.scenes.stage import QUALITIES, Quality
 from betterbench.sim.scenes.stored import scene_files
 from betterbench.tasks import (
@@ -91,17 +92,22 @@ class Scene:
         seed: int,
         action_space: ActionSpace,
         quality: Quality = QUALITIES["standard"],
-        robot_name: str = "panda",
+        robot_name: str | None = None,
         control_rate_hz: float = CONTROL_RATE_HZ,
         looks: Looks = "seen",
     ) -> None:
-        """Build, compile and reset the scene. A control step is an integer number of physics steps of 2 ms."""
+        """Build, compile and reset the scene. A control step is an integer number of physics steps of 2 ms.
+
+        The robot is by default the one that the task is laid out for.
+        """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
         self.placements = place_objects(task, condition, seed, shown=looks)
-        self.room = room_of(task.id, seed, shown=looks)
+        self.room = with_cloth(room_of(task.id, seed, shown=looks), condition.cloth)
         self.view_jitter = view_jitter_of(task.id, seed)
-        self.compiled: CompiledScene = compile_scene(self.placements, quality, robot_name=robot_name, room=self.room)
+        self.compiled: CompiledScene = compile_scene(
+            self.placements, quality, robot_name=robot_name or task.robot, room=self.room
+        )
         self.model = self.compiled.model
         self._data = mujoco.MjData(self.model)
         self._views = ViewPlacement(self.model, self.view_jitter)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
+from betterbench.tasks.authoring.condition_matrix import ConditionMatrix, MatrixCell
 from betterbench.tasks.authoring.operations import (
     add,
     chain,
@@ -148,6 +149,7 @@ def condition(
     *mounted: ObjectSpec,
     preplaced: Mapping[ObjectSpec, ObjectSpec] | None = None,
     opened: Mapping[ObjectSpec, float] | None = None,
+    cloth: str | None = None,
 ) -> Condition:
     """Return a training condition; the registry sets its task and name.
 
@@ -157,6 +159,7 @@ def condition(
         *mounted: Drawers, which start in their mounts.
         preplaced: Objects in the layout that start at a target instead of in their slot.
         opened: Drawers that are open at the start, with their opening [m].
+        cloth: Color of the tablecloth; by default, the table is bare.
     """
     if not isinstance(instruction, Instruction):
         raise TypeError("an instruction needs a text and its steps: ordered(text, *steps) or Instruction(text, steps)")
@@ -169,6 +172,7 @@ def condition(
         instruction=instruction,
         preplaced={o.name: TargetRegion(target.name) for o, target in resting.items()},
         opened={o.name: distance for o, distance in (opened or {}).items()},
+        cloth=cloth,
     )
 
 
@@ -194,9 +198,11 @@ __all__ = [
     "PRECISION_INSERTION",
     "RECURSIVE_STACKING",
     "Condition",
+    "ConditionMatrix",
     "Expected",
     "Instruction",
     "ListedRegime",
+    "MatrixCell",
     "ObjectSpec",
     "Reference",
     "Relation",

@@ -131,9 +131,18 @@ SUITES: dict[str, tuple[str, ...]] = {
         "cheeseburger",
         "seasoning_rack",
         "dinner_plates",
-    )
+    ),
+    "real_world": ("fruit_basket",),
 }
-"""Suites by name: their tasks in the order of the table. A new task belongs to a suite only when the suite lists it."""
+"""Packaged suites by name: their tasks in the order of the table.
+
+A new task belongs to a suite only when the suite lists it.
+"""
+
+
+def suite_of(task: str) -> str | None:
+    """Return the packaged suite that lists a task, or None."""
+    return next((name for name, tasks in SUITES.items() if task in tasks), None)
 
 
 def suite_tasks(name: str) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from betterbench.errors import find_named
+from betterbench.tasks.authoring.condition_matrix import ConditionMatrix
 from betterbench.tasks.authoring.regimes import ListedRegime
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.authoring.variation import Variation
@@ -21,6 +22,8 @@ class Task:
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
         description: Description of the task; the registry sets it to the first line of that function's docstring.
         regimes: Listed regimes by name: "balanced", "diverse-confounded".
+        robot: Name of the robot within whose reach the slots lie.
+        matrices: Diagnostic matrices whose cells are conditions of the task.
     """
 
     version: int
@@ -32,6 +35,8 @@ class Task:
     id: str = ""
     description: str = ""
     regimes: Mapping[str, ListedRegime] = field(default_factory=dict)
+    robot: str = "panda"
+    matrices: tuple[ConditionMatrix, ...] = ()
 
     def slot(self, name: str) -> Slot:
         """Return a slot by name.

@@ -18,6 +18,7 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line
 from betterbench.json_form import NO_TRUTH, json_schema_of, parse_json, read_form, strict_form
 from betterbench.tasks.authoring import registry
+from betterbench.tasks.authoring.condition_matrix import ConditionMatrix, Horizon, MatrixCell, State
 from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.operations import Operation, operation_named
 from betterbench.tasks.authoring.readable import require_readable
@@ -114,6 +115,7 @@ class _Condition:
     expected: Expected = Expected.SUCCEED
     mid_task_look: bool = False
     premise_broken: bool = False
+    cloth: _Text | None = None
 
 
 @strict_form
@@ -140,6 +142,24 @@ class _Regime:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class _Cell:
+    row: State
+    column: State
+    conditions: tuple[_Text, ...]
+    paper: _Text
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Matrix:
+    horizon: Horizon
+    rows: _Text
+    columns: _Text
+    cells: tuple[_Cell, ...]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class _Form:
     schema_version: Annotated[Literal[1], NO_TRUTH]
     id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
@@ -153,6 +173,8 @@ class _Form:
     variations: tuple[_Variation, ...]
     notes: str = ""
     regimes: dict[Literal["balanced", "diverse-confounded"], _Regime] = dataclasses.field(default_factory=dict)
+    robot: _Text = "panda"
+    matrices: tuple[_Matrix, ...] = ()
 
 
 _FORM = TypeAdapter(_Form)
@@ -201,6 +223,10 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
     }
     if task.regimes:
         form["regimes"] = {name: _regime_form(regime) for name, regime in task.regimes.items()}
+    if task.robot != "panda":
+        form["robot"] = task.robot
+    if task.matrices:
+        form["matrices"] = [asdict(matrix) for matrix in task.matrices]
     plain: dict[str, Any] = json.loads(json.dumps(form))  # lists for tuples, texts for enumerations
     return plain
 
@@ -260,6 +286,8 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
         slots=tuple(names.slots.values()),
         training=training,
         variations=variations,
+        robot=read.robot,
+        matrices=_matrices(read, names),
     )
     task = dataclasses.replace(task, regimes=_regimes(dict(read.regimes.items()), names))
     require_readable(task)
@@ -366,6 +394,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         expected=form.expected,
         mid_task_look=form.mid_task_look,
         premise_broken=form.premise_broken,
+        cloth=form.cloth,
     )
 
 
@@ -383,6 +412,22 @@ def _regimes(form: Mapping[str, _Regime], names: _Names) -> dict[str, ListedRegi
         found[regime] = ListedRegime(conditions, listed.crossed, slots)
     names.slots = own
     return named_regimes(found, names.task)
+
+
+def _matrices(form: _Form, names: _Names) -> tuple[ConditionMatrix, ...]:
+    """Return the diagnostic matrices, whose conditions must exist."""
+    known = {f"train{i + 1}": None for i in range(len(form.training))} | {v.name: None for v in form.variations}
+    found = []
+    for i, matrix in enumerate(form.matrices):
+        for j, cell in enumerate(matrix.cells):
+            for condition in cell.conditions:
+                names.find(f"matrices[{i}].cells[{j}].conditions", "condition", condition, known)
+        cells = tuple(MatrixCell(**{f.name: getattr(c, f.name) for f in dataclasses.fields(c)}) for c in matrix.cells)
+        try:
+            found.append(ConditionMatrix(matrix.horizon, matrix.rows, matrix.columns, cells))
+        except InvalidInputError as error:
+            raise names.wrong(f"matrices[{i}]", error.problem, error.cure) from error
+    return tuple(found)
 
 
 def _variation(form: _Variation, names: _Names, path: str) -> Variation:
@@ -448,6 +493,7 @@ def _require_applicable(task: Task, names: _Names) -> None:
                 condition, _ = operation.carry_out(condition)
             except BetterError as error:
                 raise names.unknown(f"{path}.do[{j}]", error) from error
+        condition = condition.with_(premise_broken=variation.premise_broken)
         _require_pattern(task, condition, names, path)
 
 

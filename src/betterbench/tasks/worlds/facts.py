@@ -77,7 +77,10 @@ OUR_SUITE = "better60"
 OURS = WorldFacts(
     name="betterbench",
     title="betterbench",
-    suites={OUR_SUITE: Suite(OUR_SUITE, OUR_SUITE, None, 10, "tasks with six variations each")},
+    suites={
+        OUR_SUITE: Suite(OUR_SUITE, OUR_SUITE, None, 10, "tasks with six variations each"),
+        "real_world": Suite("real_world", "real_world", None, 1, "the paper's two matrices, for the SO-101"),
+    },
     reading="conditions",
     measured=True,
 )

@@ -56,7 +56,7 @@ def fruit_basket(rng: np.random.Generator, color: str) -> Draft:
     heights = (0.0, 0.0, 0.003, *top, height - 0.5 * edge, height - 2.0 * edge, _FLOOR, _FLOOR)
     shell = Turned(radii, heights, sides=_SIDES, crease_degrees=60.0)
     walls = _walls(foot, rim - 0.5 * edge, height)
-    inside, half = 0.5 * (height - _FLOOR), 0.66 * (foot - _WALL)
+    inside, half = 0.5 * (height - _FLOOR), 0.85 * (foot - _WALL)
     return Draft(
         shape="cylinder",
         description=f"A {color} woven fruit basket.",

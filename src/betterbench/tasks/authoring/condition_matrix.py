@@ -1,0 +1,73 @@
+"""Diagnostic matrices of a task: nine conditions by the initial states of two objects, and what the paper reports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from betterbench.errors import InvalidInputError
+
+
+class State(StrEnum):
+    """Object state at the start of a trial."""
+
+    TABLE = "on the table"
+    TARGET = "at the target"
+    ABSENT = "absent"
+
+
+class Horizon(StrEnum):
+    """Matrix of the paper that a condition belongs to."""
+
+    SHORT = "short"
+    LONG = "long"
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixCell:
+    """One cell of a matrix.
+
+    Attributes:
+        row: State of the first object.
+        column: State of the second object.
+        conditions: Names of its conditions.
+        paper: Outcome of the paper's policy in the cell, as in the paper's table.
+    """
+
+    row: State
+    column: State
+    conditions: tuple[str, ...]
+    paper: str
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionMatrix:
+    """Matrix of a task's conditions by the initial states of two objects.
+
+    Attributes:
+        horizon: Matrix of the paper.
+        rows: Object whose states define the rows.
+        columns: Object whose states define the columns.
+        cells: One cell for each pair of states, row by row in the order of :class:`State`.
+    """
+
+    horizon: Horizon
+    rows: str
+    columns: str
+    cells: tuple[MatrixCell, ...]
+
+    def __post_init__(self) -> None:
+        """Check that each pair of states has one cell, in order, and that no condition is in two cells."""
+        where = f"{self.horizon.value}-horizon matrix"
+        pairs = [(row, column) for row in State for column in State]
+        if [(cell.row, cell.column) for cell in self.cells] != pairs:
+            cure = "Give one cell for each pair of states, row by row"
+            raise InvalidInputError(where, f"its {len(self.cells)} cells are not the nine pairs of states", cure)
+        names = [name for cell in self.cells for name in cell.conditions]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InvalidInputError(where, f"the condition {twice!r} is in two cells", "Name each condition once")
+
+    def cell_of(self, condition: str) -> MatrixCell | None:
+        """Return the cell of a condition, or None if the condition is in no cell."""
+        return next((cell for cell in self.cells if condition in cell.conditions), None)
