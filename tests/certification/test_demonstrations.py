@@ -252,7 +252,8 @@ def test_what_is_preplaced_stands_as_a_demonstration_left_it_at_rest_with_every_
             at = middle.inverse() @ state.pose(thing)
             (x, y, _), yaw = at.position, math.degrees(yaw_of(at.quaternion))
             off = min(math.dist((1000.0 * x, 1000.0 * y, yaw), pose) for pose in left)
-            assert off < 1.0, "0.3 mm or degrees of contact depth and of settling"
+            alone = [*scene.condition.preplaced.values()].count(place) == 1  # two in a container are moved apart
+            assert off < (1.0 if alone else 40.0), "0.3 mm or degrees of contact depth and of settling"
             poses.add((thing, round(x, 4), round(y, 4), round(yaw, 1)))
         found = examine_rest(scene)
         assert found.clause.passed, f"seed {seed}: {found.clause.text}"

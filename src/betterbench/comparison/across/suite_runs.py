@@ -11,9 +11,10 @@ import numpy as np
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.records import Record, RunFolder
 from betterbench.records.run_names import run_names
-from betterbench.tasks import TrialId
+from betterbench.tasks import TrialId, suite_of
 from betterbench.tasks.worlds.calvin import Chain, ChainResult, SubtaskResult, calvin_chains
 from betterbench.tasks.worlds.facts import OUR_SUITE
+from betterbench.tasks.worlds.facts import OURS as OUR_WORLD
 from betterbench.tasks.worlds.libero import PLUS_SUITES
 
 OURS = OUR_SUITE
@@ -99,6 +100,12 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 def _suite_of(run: RunFolder) -> str:
     """Return the suite of a run; raise RecordError if its plan names no known suite."""
     facts = run.world
+    if facts.name == OUR_WORLD.name:
+        others = {found for trial in run.plan["trials"] if (found := suite_of(str(trial["task"]))) not in (None, OURS)}
+        if others:
+            problem = f"{run.path} is a run of the suite {min(map(str, others))}, which no other world has"
+            raise InvalidInputError("runs", problem, "Leave it out; better report shows it")
+        return OURS
     if len(facts.suites) == 1:
         return next(iter(facts.suites))
     stored = _mapping(run.plan["world"]).get("tasks")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import math
 import threading
 from collections import OrderedDict
@@ -101,10 +102,12 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
             mount = chosen[o.mount.target].region(o.mount.region)
             shut[o.name] = poses[o.mount.target] @ mount.pose
             poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
+    flats = {name: _drawn_pose(task, condition, seed, name, chosen) for name in condition.preplaced}
+    _move_apart(condition, flats, chosen)
     for name, place in condition.preplaced.items():
         below = _below(condition, place)
         on = poses[below].apply(_middle(task, chosen[below], place.region))
-        flat = _drawn_pose(task, condition, seed, name, chosen)
+        flat = flats[name]
         mx, my, _ = _middle(task, chosen[place.target], place.region)
         x, y, _ = poses[place.target].apply((mx + 0.001 * flat.x_mm, my + 0.001 * flat.y_mm, 0.0))
         yaw = yaw_of(poses[place.target].quaternion) + math.radians(flat.yaw_deg)
@@ -170,6 +173,33 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
     size_mm = 500.0 * max(asset.size_m[:2])
     x_most, y_most = (max(0.0, 1000.0 * half - size_mm) for half in on.region("inside").half_size[:2])
     return FlatPose(min(max(flat.x_mm, -x_most), x_most), min(max(flat.y_mm, -y_most), y_most), flat.yaw_deg)
+
+
+def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
+    """Move two objects apart that were drawn into the same container and would overlap.
+
+    Each pose comes from a demonstration, but from two different ones. The objects keep their headings and their line,
+    and rest on both sides of the container's center. Layers of a stack are regions of their own and do not move.
+    """
+    for first, second in itertools.combinations(flats, 2):
+        if condition.preplaced[first] != condition.preplaced[second]:
+            continue
+        a, b = flats[first], flats[second]
+        angle = math.atan2(b.y_mm - a.y_mm, b.x_mm - a.x_mm)
+        reach_a, reach_b = (_reach_mm(chosen[n], angle - math.radians(flats[n].yaw_deg)) for n in (first, second))
+        apart = reach_a + reach_b + 1.0
+        if math.dist(a[:2], b[:2]) >= apart:
+            continue
+        # The outer edges are equally far from the center.
+        middle_a, middle_b = -(0.5 * (apart + reach_a + reach_b) - reach_a), 0.5 * (apart + reach_a + reach_b) - reach_b
+        for name, flat, along in ((first, a, middle_a), (second, b, middle_b)):
+            flats[name] = FlatPose(along * math.cos(angle), along * math.sin(angle), flat.yaw_deg)
+
+
+def _reach_mm(asset: Asset, angle: float) -> float:
+    """Return the extent of an object's elliptic outline from its center in a direction of its frame [mm]."""
+    x, y, _ = asset.size_m
+    return 500.0 * math.hypot(x * math.cos(angle), y * math.sin(angle))
 
 
 _CACHE: OrderedDict[str, CompiledScene] = OrderedDict()
