@@ -7,8 +7,8 @@ FOLDER holds the STL files of the model ``robotstudio_so101`` in MuJoCo Menageri
 ``so101_nexus/assets/SO101_menagerie/assets``. The parts are TheRobotStudio's (SO-ARM100, Apache-2.0).
 
 Changes to the files: each part is simplified within a tolerance as a closed solid, decimated to a number of
-triangles, its vertices are split at sharp edges for shading and rounded to a hundredth of a millimeter. Without the first step, slivers of the CAD files remain, and their
-collapse tears cracks into the surface.
+triangles, its vertices are split at sharp edges for shading and rounded to a hundredth of a millimeter. Without the
+first step, slivers of the CAD files remain, and their collapse tears cracks into the surface.
 """
 
 from __future__ import annotations
