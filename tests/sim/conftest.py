@@ -40,13 +40,30 @@ def meshes_if_here() -> Path | None:
     return _found()
 
 
-@pytest.fixture
-def imports_here(monkeypatch):
-    """Import assets in this process and try no grasps: the process of an import takes 1 s of CPU, trials as much."""
+@pytest.fixture(scope="session")
+def import_once():
+    """Import a file in this process without trying grasps; the same content, name and options are imported once."""
     from betterbench.sim.assets.importing import child
 
-    def imported(path, wishes, where):
-        files, data = child._answers({"path": str(path.absolute()), "wishes": asdict(wishes)}, b"")
-        return child.Made(data, json.loads(files))
+    made: dict[tuple[object, ...], child.Made] = {}
 
-    monkeypatch.setattr(child, "_in_child", imported)
+    def imported(path, wishes):
+        key = path.name, path.read_bytes(), wishes
+        if key in made:
+            return made[key]
+        files, data = child._answers({"path": str(path.absolute()), "wishes": asdict(wishes)}, b"")
+        found = child.Made(data, json.loads(files))
+        # The folders above a file can name its kind, and a file that it refers to can change.
+        if wishes.name is not None and not found.files:
+            made[key] = found
+        return found
+
+    return imported
+
+
+@pytest.fixture
+def imports_here(monkeypatch, import_once):
+    """Let assets be imported by ``import_once``: the process of an import takes 1 s of CPU, trials as much."""
+    from betterbench.sim.assets.importing import child
+
+    monkeypatch.setattr(child, "_in_child", lambda path, wishes, _where: import_once(path, wishes))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 from tests.vlm import published
 
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -185,4 +186,19 @@ def test_the_error_about_a_page_in_place_of_a_picture_is_the_same_each_time(tmp_
     folder = published.refspatial_raw(tmp_path / "data")
     (folder / "Location" / "image" / "0.png").write_bytes(b"<html>")
     with pytest.raises(InvalidInputError, match=r"column rgb_path: is not an image\. "):
+        find_benchmark("refspatial").load(folder)
+
+
+@pytest.mark.parametrize(
+    ("size", "value", "says"),
+    [
+        ((published.WIDTH, published.HEIGHT), 0, "is empty, so no answer could be right"),
+        ((published.HEIGHT, published.WIDTH), 255, "another ratio of width to height than its image"),
+    ],
+)
+def test_a_target_region_that_cannot_be_right_is_an_error(size, value, says, tmp_path):
+    folder = published.refspatial_raw(tmp_path / "data")
+    mask = min((folder / "Location" / "mask").iterdir())
+    Image.new("L", size, value).save(mask)
+    with pytest.raises(InvalidInputError, match=rf"row \d, column mask_path: .*{says}"):
         find_benchmark("refspatial").load(folder)

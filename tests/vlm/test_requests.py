@@ -492,3 +492,25 @@ def test_missing_items_are_said_by_group(name, tmp_path):
     groups = {"refspatial": "location 3 of 100, placement 3 of 100, unseen 3 of 77", "egoplan2": "daily 2 of 439"}[name]
     assert groups in found.completeness.sentence
     assert not found.completeness.is_complete
+
+
+def test_answers_that_are_cut_off_are_counted_also_from_the_cache(tmp_path):
+    form = {"choices": [{"message": {"content": "<think>Let me see"}, "finish_reason": "length"}]}
+    chat = ChatEndpoint("http://localhost:1/v1", "m", cache=ReplyCache(tmp_path / "cache"))
+    reply = chat._reply(json.dumps(form).encode(), ())
+    assert reply.is_cut
+    key = chat._cache.key("", b"")
+    chat._cache.put(key, reply)
+
+    class Cut:
+        name = "m"
+
+        def answer(self, prompt, _pictures):
+            return chat._cache.get(key) if prompt == "a" else Reply("B")
+
+    head = AnswersHead("m", "0" * 64)
+    for _ in range(2):  # the second time, the answers are read from the file
+        found = ask_all({"a": Request("a"), "b": Request("b")}, Cut(), head, tmp_path / "answers.jsonl")
+        totals = totals_of(found.answers.values())
+        assert totals.cut == 1
+        assert "1 of 2 answers of the model were cut off at the maximum number of tokens" in totals.sentences()[1]

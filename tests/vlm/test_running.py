@@ -296,3 +296,16 @@ def test_a_picture_that_cannot_be_shown_is_named(data, says, tmp_path, capsys, s
         assert "embspatial, item q0:" in said
         assert says in said
         assert "0x" not in said
+
+
+def test_a_server_that_rejects_everything_gets_no_score_and_is_asked_again(tmp_path):
+    folder = published.embspatial_json(tmp_path / "data")
+
+    def rejects(_prompt, _pictures):
+        raise RefusedError("HTTP 400: max_tokens is not supported")
+
+    with pytest.raises(ModelError, match="rejected all 8 requests, so there is no score: HTTP 400: max_tokens"):
+        run("embspatial", folder, tmp_path / "run", Scripted(rejects))
+    assert not (tmp_path / "run" / "result.json").exists()
+    found = run("embspatial", folder, tmp_path / "run", Scripted(lambda *_: "B"))
+    assert (found.refused, found.score.all.answered) == (0, 8)

@@ -17,6 +17,7 @@ from betterbench.vlm.models.eyes import Eyes
 from betterbench.vlm.prompts import find_prompt
 from betterbench.vlm.steps import step_table
 from betterbench.vlm.stored import is_static_run, read_static_run
+from betterbench.vqa.llm import RefusedError
 
 COUNT = 60
 
@@ -239,3 +240,27 @@ def test_better_compare_takes_static_runs(data, tmp_path, capsys):
     (tmp_path / "other").mkdir()
     assert main(["compare", str(runs[0]), str(tmp_path / "other")]) != 0
     assert "contains no run" in " ".join(capsys.readouterr().err.split())
+
+
+def test_rejected_requests_are_said(data, tmp_path):
+    class Rejecting(Knowing):
+        def answer(self, prompt, pictures):
+            if "mug 7?" in prompt:
+                raise RefusedError("HTTP 413: too large")
+            return super().answer(prompt, pictures)
+
+    chosen = find_benchmark("embspatial")
+    items = chosen.load(data)
+    model = Rejecting(items.items, 1.0, name="b")
+    evaluate_model(chosen, items, model, tmp_path / "b", RunSettings(find_prompt("embspatial", None)))
+    table = step_table([run_of(data, tmp_path / "a", 1.0, name="a"), tmp_path / "b"])
+    assert table.warnings == ("b, EmbSpatial-Bench: the server rejected 1 of 60 requests, which count as wrong.",)
+
+
+@pytest.mark.parametrize("verb", ["diagnose", "report"])
+def test_verbs_of_policies_say_that_a_static_run_has_no_trials(verb, data, tmp_path, capsys):
+    out = run_of(data, tmp_path / "a", 1.0)
+    assert main([verb, str(out)]) == 2
+    assert (
+        "contains a static evaluation and no trials of a policy. Give a run of better eval" in capsys.readouterr().err
+    )

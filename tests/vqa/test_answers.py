@@ -270,6 +270,31 @@ def test_an_answer_of_another_type_is_no_empty_answer(serve, content):
         ChatEndpoint(url, "m").complete([user_message("?")])
 
 
+@pytest.mark.parametrize(
+    "form",
+    [
+        {"choices": []},
+        {"choices": [{"message": {"role": "assistant"}, "finish_reason": "content_filter"}]},
+    ],
+)
+def test_a_reply_whose_text_a_filter_removed_is_an_empty_answer(form):
+    chat = ChatEndpoint("http://localhost:1/v1", "m")
+    assert chat._reply(json.dumps(form).encode(), ()).text == ""
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b'{"error": {"message": "model not loaded"}, "choices": []}', "begins with 'model not loaded'"),
+        (b"<html>Sign in</html>", "begins with '<html>Sign in</html>'"),
+        (b"", "begins with 'no text'"),
+    ],
+)
+def test_a_reply_of_another_form_is_shown(content, says):
+    with pytest.raises(ModelError, match=says):
+        ChatEndpoint("http://localhost:1/v1", "m")._reply(content, ())
+
+
 def test_addresses_that_are_none_and_servers_that_are_gone(serve):
     with pytest.raises(InvalidInputError, match="not an HTTP address"):
         ChatEndpoint("localhost:8000", "tiny")

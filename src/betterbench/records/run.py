@@ -161,6 +161,12 @@ class RunFolder:
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         where = str(path / "run.json")
         form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("schema_version", 2))
+        if "plan" not in form and isinstance(form.get("kind"), str):
+            kind = one_line(form["kind"], most=60)
+            raise RecordError(
+                f"{path}: contains a {kind} and no trials of a policy. Give a run of better eval; for a run of "
+                "better vlm, better compare shows the scores and better export --to lmms-eval the answers."
+            )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)
         return cls(path, document.plan, dict(document.context))

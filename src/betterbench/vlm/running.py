@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, fields
@@ -18,7 +19,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from betterbench.errors import RecordError
+from betterbench.errors import ModelError, RecordError
 from betterbench.jobs import OnCount, job_folder, write_durably
 from betterbench.jobs.conflict import require_free, require_same
 from betterbench.jobs.durable import on_disk
@@ -121,6 +122,12 @@ class StaticRun:
     completeness: Completeness
     prices: Prices | None = None
     eyesight: Threshold | None = None
+
+    @property
+    def refusal(self) -> str:
+        """Most frequent reason of rejected requests; empty if none was rejected."""
+        reasons = Counter(answer.error for answer in self.answers.answers.values() if answer.error is not None)
+        return reasons.most_common(1)[0][0] if reasons else ""
 
     @property
     def refused(self) -> int:
@@ -287,10 +294,24 @@ def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: 
         for item in items.items
     }
     head = AnswersHead(model.name, items.sha256, settings.coordinates)
+    file = out / ANSWERS_NAME
     with bar(f"asking {model.name}", len(requests)) as on_progress:
-        return ask_all(
-            requests, model, head, out / ANSWERS_NAME, at_once=settings.at_once, verb="vlm", on_progress=on_progress
-        )
+        found = ask_all(requests, model, head, file, at_once=settings.at_once, verb="vlm", on_progress=on_progress)
+    _require_accepted(found, file)
+    return found
+
+
+def _require_accepted(found: Answers, file: Path) -> None:
+    """Remove a file in which every request was rejected, and raise ModelError: a score of 0 would be of no answer."""
+    refused = Counter(answer.error for answer in found.answers.values())
+    if not refused or None in refused:
+        return
+    file.unlink()
+    (reason, _), *_ = refused.most_common(1)
+    raise ModelError(
+        f"The server rejected all {refused.total():,} requests, so there is no score: {reason}. Correct the model, the "
+        f"server or the options, and run the command again; it sends the requests again."
+    )
 
 
 def _extracted(

@@ -374,4 +374,12 @@ def _warnings(rows: dict[str, dict[str, StoredRun]], column: str) -> tuple[str, 
         found.append(
             f"{len(with_extractor)} of {len(runs)} runs used an extractor; the others have only what the parser read."
         )
+    for name, row in rows.items():
+        for run in row.values():
+            refused = run.head.get("refused")
+            if isinstance(refused, int) and refused > 0:
+                found.append(
+                    f"{name}, {run.benchmark.title}: the server rejected {refused:,} of {len(run.items):,} requests, "
+                    "which count as wrong."
+                )
     return tuple(found)

@@ -98,6 +98,7 @@ class ModelAnswer:
         completion_tokens: Tokens of the answer as the server counted them; None if it did not.
         retries: Reasons of failed tries before the answer, each as "KIND: DETAILS".
         cached: Whether the answer was taken from the cache instead of the model.
+        cut: Whether the server ended the text at the longest answer.
     """
 
     id: str
@@ -108,6 +109,7 @@ class ModelAnswer:
     completion_tokens: int | None = None
     retries: tuple[str, ...] = ()
     cached: bool = False
+    cut: bool = False
 
 
 @open_form
@@ -328,6 +330,7 @@ def _ask(model: Model, name: str, request: Request) -> ModelAnswer:
         completion_tokens=reply.completion_tokens,
         retries=_readable(reply.retries),
         cached=reply.is_cached,
+        cut=reply.is_cut,
     )
 
 

@@ -31,6 +31,7 @@ class RequestTotals:
         answers: Number of answers, rejected requests included.
         cached: Number of answers from the cache, which cost nothing.
         rejected: Number of rejected requests.
+        cut: Number of answers that the server ended at the longest answer.
         retried: Number of requests that were sent more than once.
         retries: Number of failed tries by reason ("HTTP 429", "timeout").
         counted: Number of answers with token counts, of those that were neither cached nor rejected.
@@ -46,6 +47,7 @@ class RequestTotals:
     counted: int
     prompt_tokens: int
     completion_tokens: int
+    cut: int = 0
 
     @property
     def sent(self) -> int:
@@ -72,6 +74,10 @@ class RequestTotals:
             reasons = ", ".join(f"{reason} {count:,} ×" for reason, count in self.retries.items())
             requests = "1 request" if self.retried == 1 else f"{self.retried:,} requests"
             found.append(f"{requests} to the {who} had to be repeated ({reasons}).")
+        if self.cut:
+            cure = " A larger --max-tokens gives complete answers." if who == "model" else ""
+            many = f"{self.cut:,} of {self.answers:,} answers of the {who}"
+            found.append(f"{many} were cut off at the maximum number of tokens.{cure}")
         if self.counted:
             of = "" if self.counted == self.sent else f", counted for {self.counted:,} of {self.sent:,} answers"
             tokens = f"{self.prompt_tokens:,} in prompts, {self.completion_tokens:,} in answers"
@@ -105,4 +111,5 @@ def totals_of(answers: Iterable[ModelAnswer]) -> RequestTotals:
         counted=len(counted),
         prompt_tokens=sum(answer.prompt_tokens or 0 for answer in counted),
         completion_tokens=sum(answer.completion_tokens or 0 for answer in counted),
+        cut=sum(answer.cut for answer in kept),
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from betterbench.cli.console import OUT, print_item, print_table
 from betterbench.cli.output.vqa import difference_in_points
+from betterbench.errors import one_line
 from betterbench.statistics import round_half_up
 from betterbench.vlm.benchmarks import Benchmark, find_benchmark
 from betterbench.vlm.eyesight import eyesight_sentence
@@ -196,7 +197,12 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
         )
         lines.append(f"{everything.n - everything.answered} of {everything.n} items have no answer and count 0.{rest}")
     if run.refused:
-        lines.append(f"The server rejected {run.refused} requests; {run.path / 'answers.jsonl'} has the reasons.")
+        requests = "1 request" if run.refused == 1 else f"{run.refused:,} requests"
+        reason = f"most often with: {one_line(run.refusal, most=160)}"
+        lines.append(
+            f"The server rejected {requests}, {reason} ({run.path / 'answers.jsonl'} has all reasons). "
+            f"To send them again, choose another --out; the other answers come from the cache."
+        )
     lines += run.requests.sentences()
     if run.prices is not None:
         lines.append(run.requests.cost_sentence(run.prices))

@@ -15,12 +15,14 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import file_digest
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile, DataSource, Headline, missing
 from betterbench.vlm.items import Gold, Item, ItemSet
-from betterbench.vlm.pictures import embedded, file_in, picture_file, size_of
+from betterbench.vlm.pictures import embedded, file_in, mask_of, picture_file, size_of
 from betterbench.vlm.rows import Row, distinct, find_files, read_rows
 from betterbench.vqa.question import Form
 
 SPLITS = ("location", "placement", "unseen")
 _SCORED = ("location", "placement")
+_MOST_STRETCH = 0.02
+"""Largest relative difference of a mask's ratio of width to height, for masks of another size than their image."""
 _LAYOUT = (
     "Parquet files location-*, placement-* and unseen-* (the hub's data/ folder)",
     "folders Location, Placement and Unseen with question.json, image/ and mask/",
@@ -59,7 +61,7 @@ def _item(row: Row, split: str, identifier: str, pictures: dict[str, Callable[[]
     shown = pictures[image]()
     where = row.where(row.named("image", "rgb_path"))
     width, height = size_of(shown, where)
-    size_of(pictures[mask](), row.where(row.named("mask", "mask_path")))
+    _require_region(pictures[mask](), width / height, row.where(row.named("mask", "mask_path")))
     words = {name: row.text_or("", name) for name in ("object", "prompt", "suffix")}
     return Item(
         id=identifier,
@@ -73,6 +75,17 @@ def _item(row: Row, split: str, identifier: str, pictures: dict[str, Callable[[]
         height=height,
         words=words,
     )
+
+
+def _require_region(mask: bytes, ratio: float, where: str) -> None:
+    """Raise InvalidInputError if a mask is empty, or its ratio of width to height is not that of its image."""
+    region = mask_of(mask, where)
+    rows, columns = region.shape
+    if not region.any():
+        raise InvalidInputError(where, "is empty, so no answer could be right", "Download the data again")
+    if abs(columns / rows / ratio - 1.0) > _MOST_STRETCH:
+        problem = f"has {columns} × {rows} pixels, another ratio of width to height than its image"
+        raise InvalidInputError(where, problem, "Download the data again")
 
 
 def _picture(row: Row, names: tuple[str, str]) -> bytes:

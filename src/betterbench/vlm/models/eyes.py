@@ -17,6 +17,7 @@ eyes                    image                                     loss compared 
 
 from __future__ import annotations
 
+import functools
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -68,6 +69,7 @@ class Shown:
     detail: tuple[int, int]
 
 
+@functools.lru_cache(maxsize=8)  # several questions are asked about an image, one after the other
 def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
     """Return an image in the resolution of these eyes.
 

@@ -62,14 +62,14 @@ class ReplyCache:
         except (BetterError, KeyError, ValueError):
             return None
         prompt, completion = (count if type(count) is int and count >= 0 else None for count in tokens)
-        return Reply(form["text"], prompt, completion, is_cached=True)
+        return Reply(form["text"], prompt, completion, is_cached=True, is_cut=form.get("is_cut") is True)
 
     def put(self, key: str, reply: Reply) -> None:
         """Store a reply. If the folder cannot be written, warn once and store nothing more."""
         if self._is_off:
             return
         tokens = {"prompt_tokens": reply.prompt_tokens, "completion_tokens": reply.completion_tokens}
-        form = sealed_form({"key": key, "text": reply.text, **tokens})
+        form = sealed_form({"key": key, "text": reply.text, **tokens, **({"is_cut": True} if reply.is_cut else {})})
         file = self._file(key)
         try:
             try:

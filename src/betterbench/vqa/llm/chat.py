@@ -197,14 +197,21 @@ class ChatEndpoint:
     def _reply(self, content: bytes, failed: tuple[str, ...]) -> Reply:
         try:
             form = parse_json(content)
-            text = _text_of(form["choices"][0]["message"]["content"])
-        except (ValueError, LookupError, TypeError) as error:
+            text = _text_of(_content_of(form))
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise ModelError(
-                f"{self._where}: the answer has no choices[0].message.content. Give the address of a chat endpoint."
+                f"{self._where}: the answer has no choices[0].message.content, but begins with {_told(content)!r}. "
+                f"Give the address of a chat endpoint; if it is one, run the same command again to resume."
             ) from error
         usage = form.get("usage")
         counts = usage if isinstance(usage, dict) else {}
-        return Reply(text, _count(counts.get("prompt_tokens")), _count(counts.get("completion_tokens")), failed)
+        return Reply(
+            text,
+            _count(counts.get("prompt_tokens")),
+            _count(counts.get("completion_tokens")),
+            failed,
+            is_cut=form["choices"] != [] and form["choices"][0].get("finish_reason") == "length",
+        )
 
     def _refusal(self, status: int, problem: str, failed: tuple[str, ...]) -> ModelError:
         if status in (400, 413, 422):
@@ -257,6 +264,14 @@ def user_message(text: str, *images: bytes) -> Message:
     texts = [{"type": "text", "text": part} for part in parts]
     mixed = [item for pair in zip(texts, [*shown, None], strict=True) for item in pair]
     return {"role": "user", "content": [item for item in mixed if item is not None and item.get("text") != ""]}
+
+
+def _content_of(form: Any) -> Any:  # noqa: ANN401 - any JSON
+    """Return the content of a reply; None if it has no choice or content, as after a content filter of the server."""
+    if form.get("error"):
+        raise LookupError("choices")
+    choices = form["choices"]
+    return choices[0]["message"].get("content") if choices != [] else None
 
 
 def _text_of(content: Any) -> str:  # noqa: ANN401 - any JSON

@@ -292,7 +292,7 @@ def test_physics_that_does_not_fit_is_replaced_and_told(folder):
         '<inertial><origin xyz="0 0 5"/><mass value="0.3"/>'
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     )
-    collision = '<collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision>'
+    collision = '<collision><geometry><box size="0.1 0.08 0.14"/></geometry></collision>'
     visual = '<visual><geometry><mesh filename="box.obj"/></geometry></visual>'
     text = urdf(f'<link name="a">{inertial}{visual}{collision}</link>')
     found = import_mesh(write(folder / "block.urdf", text), Wishes())
@@ -321,7 +321,7 @@ def test_an_object_that_would_tip_over_gets_the_center_of_its_solid(folder):
 
 def test_collision_shapes_that_fill_a_hollow_are_made_anew(folder):
     r, h, w = 0.04, 0.09, 0.004
-    cup = trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=32)
+    cup = trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=12)
     cup.export(folder / "cup.stl")
     mesh = '<geom type="mesh" mesh="m" {}/>'
     seen, touched = mesh.format('contype="0" conaffinity="0"'), mesh.format('group="3"')

@@ -48,13 +48,15 @@ from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 TILT = math.radians(30.0)
 """More than the import sets right by itself."""
+SIDE = 0.04
+"""Width of the block [m]."""
 QUARTER = from_axis_angle((-0.5 * math.pi, 0.0, 0.0))
 
 
 def cup():
     """Return a cup as a closed surface of revolution [m], standing on z = 0."""
     r, h, w = 0.035, 0.09, 0.004
-    return trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=24)
+    return trimesh.creation.revolve([(0, 0), (r, 0), (r, h), (r - w, h), (r - w, w), (0, w)], sections=12)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +73,7 @@ def tilted(tmp_path_factory):
 def block_mesh(tmp_path_factory):
     """A block that stands on its narrow side."""
     path = tmp_path_factory.mktemp("meshes") / "tumbler.stl"
-    trimesh.creation.box((0.07, 0.07, 0.09)).export(path)
+    trimesh.creation.box((SIDE, SIDE, 0.09)).export(path)
     return path
 
 
@@ -213,7 +215,7 @@ def test_the_content_hash_follows_the_file_and_what_it_refers_to(tmp_path):
     assert all(len(h) == 64 for h in (plain, painted))
 
 
-def review(decision, *, content="a" * 64, author="ada", size=(0.07, 0.07, 0.09), asset="tumbler.stl"):
+def review(decision, *, content="a" * 64, author="ada", size=(SIDE, SIDE, 0.09), asset="tumbler.stl"):
     return Review(author, now(), content, asset, size, decision)
 
 
@@ -341,7 +343,7 @@ def test_two_writers_at_once_are_refused(tmp_path):
 # ------------------------------------------------------------------------------------------------------------- replay
 
 
-def history(tmp_path, content, *decisions, size=(0.07, 0.07, 0.09)):
+def history(tmp_path, content, *decisions, size=(SIDE, SIDE, 0.09)):
     path = tmp_path / "reviews.jsonl"
     write(path, *(review(d, content=content, size=size) for d in decisions))
     return history_of(path, content, "tumbler.stl")
@@ -355,7 +357,7 @@ def test_only_what_was_accepted_is_used(tmp_path, block, block_mesh):
     size = ReviewState(apply(block, [pose])).size_m
     found = history(tmp_path, content, Verdict("fix"), size=size)
     used = accepted(block, found, asset="tumbler.stl", content=content)
-    assert np.ptp(points(used), axis=0) == pytest.approx((0.07, 0.09, 0.07), abs=1e-5)
+    assert np.ptp(points(used), axis=0) == pytest.approx((SIDE, 0.09, SIDE), abs=1e-5)
     with pytest.raises(InvalidInputError, match=f"content {content[:16]}, and the file has {'b' * 16}"):
         accepted(block, found, asset="tumbler.stl", content="b" * 64)
     small = import_mesh(block_mesh, Wishes(name="object", size_m=0.05, up="z"))
@@ -363,13 +365,14 @@ def test_only_what_was_accepted_is_used(tmp_path, block, block_mesh):
         accepted(small, found, asset="tumbler.stl", content=content)
 
 
+@pytest.mark.usefixtures("imports_here")
 def test_a_task_gets_the_reviewed_object_and_no_rejected_one(tmp_path, monkeypatch, block_mesh):
     monkeypatch.setattr(child, "cache_folder", lambda: tmp_path / "cache")
     path = Path(block_mesh.parent / "reviews.jsonl")
     content = content_hash(block_mesh)
     before = child.import_safely(block_mesh, Wishes(name="object", size_m=0.09, up="z"))
     state = changed(ReviewState(before), PoseChange(IDENTITY_QUATERNION, QUARTER))
-    write(path, review(PoseChange(IDENTITY_QUATERNION, QUARTER), content=content, size=(0.07, 0.07, 0.09)))
+    write(path, review(PoseChange(IDENTITY_QUATERNION, QUARTER), content=content, size=(SIDE, SIDE, 0.09)))
     write(path, review(Verdict("fix"), content=content, size=state.size_m))
     options = {"color": "gray", "name": "object", "size_m": 0.09, "up": "z", "review": path}
 
@@ -381,7 +384,7 @@ def test_a_task_gets_the_reviewed_object_and_no_rejected_one(tmp_path, monkeypat
             unregister("reviewed_tumbler")
 
     first = built()
-    assert first.size_m == pytest.approx((0.07, 0.09, 0.07), abs=1e-5)
+    assert first.size_m == pytest.approx((SIDE, 0.09, SIDE), abs=1e-5)
     stored = {p.name: p.read_bytes() for p in (tmp_path / "cache").rglob("*.npz")}
     monkeypatch.setattr(child, "cache_folder", lambda: tmp_path / "fresh")
     assert built().content_hash() == first.content_hash()

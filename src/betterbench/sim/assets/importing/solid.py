@@ -77,7 +77,8 @@ def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.
 
 def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> Solid:
     """Return the solid of a surface: (n, 3) positions [m], (m, 3) vertex indices; ``grid`` cells along it."""
-    low, high = vertices[np.unique(faces)].min(axis=0), vertices[np.unique(faces)].max(axis=0)
+    used = vertices[np.unique(faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
     pitch = float((high - low).max()) / grid
     origin = low - 1.5 * pitch
     shape = np.ceil((high - origin) / pitch).astype(int) + 2
