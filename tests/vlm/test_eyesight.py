@@ -14,7 +14,7 @@ from betterbench.vlm import RunSettings, evaluate_model, find_benchmark, score_a
 from betterbench.vlm.eyesight import compare_eyes, eyesight, eyesight_sentence, readings_of
 from betterbench.vlm.models.eyes import Eyes
 from betterbench.vlm.prompts import find_prompt
-from betterbench.vlm.steps import step_table
+from betterbench.vlm.steps import StepTable, step_table
 from betterbench.vlm.stored import read_static_run
 from betterbench.vqa.coordinates import CONVENTIONS
 
@@ -127,3 +127,12 @@ def test_the_run_and_the_comparison_of_eyes_say_the_size(stored, capsys, monkeyp
     found = json.loads(capsys.readouterr().out)["eyesight"][0]
     assert found["one"]["value"] == pytest.approx(20, rel=0.1)
     assert abs(found["one"]["further"]["blur-224"]["value"]) < 0.1
+
+
+def test_no_loss_beyond_the_sizes_is_shown_if_no_size_is_concluded(items, capsys):
+    runs = [(eyes, readings(items, eyes, Sighted(10_000, eyes))) for eyes in ("native", "blur-224")]
+    found = compare_eyes("blind", "better vqa", runs)
+    assert found.one.value is None
+    print_steps(StepTable("parsed", 0.05, (), (), (), eyesight=(found,)))
+    (row,) = (line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("blur-224 "))
+    assert row[-2:] == ["–", "–"]

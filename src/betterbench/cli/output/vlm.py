@@ -67,9 +67,10 @@ def print_steps(table: StepTable) -> None:
     for step in table.steps:
         print_item(step.sentence)
     if table.steps:
+        correction = f" after Holm's correction over all {len(table.steps)} steps" if len(table.steps) > 1 else ""
         print_item(
             f"Intervals of 95 % are paired and keep items of one image or video together. A step is supported if its "
-            f"paired test is below {table.alpha:g} after Holm's correction over all {len(table.steps)} steps."
+            f"paired test is below {table.alpha:g}{correction}."
         )
     for line in table.warnings:
         print_item(line)
@@ -116,7 +117,7 @@ def _print_eyesight(compared: EyesightComparison) -> None:
     """Print the sizes that a model reads with several eyes, and whether one size explains all scores."""
     rows = []
     for eyes, alone in compared.alone.items():
-        loss = compared.one.further.get(eyes)
+        loss = None if compared.one.value is None else compared.one.further.get(eyes)
         size = "–" if alone.value is None else f"{alone.value:.1f} ({alone.low:.1f} to {alone.high:.1f})"
         more = "–" if loss is None else f"{-100 * loss.value:+.1f} ({-100 * loss.high:+.1f} to {-100 * loss.low:+.1f})"
         rows.append([eyes, str(alone.n), f"{100 * compared.scores[eyes]:.1f}", size, more])
