@@ -14,9 +14,9 @@ from betterbench.certification.coverage import parse_ranges
 from betterbench.certification.runner import versions_in_use, write_coverage, write_json
 from betterbench.errors import InvalidInputError
 from betterbench.report.pages.certificate_page import render_certificate, write_certificate_page
-from betterbench.tasks import SUITE_VERSION, TrialId, all_tasks
+from betterbench.tasks import SUITE_VERSION, TrialId, all_tasks, suite_tasks
 
-USED = versions_in_use([t.id for t in all_tasks()])
+USED = versions_in_use(suite_tasks("better60"))
 HERE = {"suite": SUITE_VERSION, "engine": USED.engine, "tasks": USED.tasks}
 
 

@@ -241,10 +241,11 @@ def _learner(address: str, data: Path, records: Path) -> Model:
     from betterbench.records import RunFolder
     from betterbench.vqa.dataset import read_set
 
-    learner = load_learner(LEARNED.parse(address))
+    parsed = LEARNED.parse(address)
+    learner = load_learner(parsed)
     from betterbench.learning.training.answering import LearnerModel
 
-    return LearnerModel(Path(address.partition(":")[2]).name, learner, read_set(data), RunFolder.open(records))
+    return LearnerModel(Path(parsed.target).name, learner, read_set(data), RunFolder.open(records))
 
 
 def _acted(run: Path) -> RunDiagnosis:
