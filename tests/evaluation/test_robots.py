@@ -116,7 +116,7 @@ def test_a_certificate_covers_one_robot():
     plan = make_plan("expert", tasks=["morning_coffee"], trials=1)
     require_certified(plan)
     with pytest.raises(InvalidInputError, match=r"is for the robot panda, but the run uses so101.*--robot so101"):
-        require_certified(make_plan("expert", tasks=["morning_coffee"], trials=1, robot="so101"))
+        require_certified(make_plan("expert", tasks=["fruit_basket"], trials=1))
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +192,7 @@ def test_the_help_of_each_verb_names_every_robot(verb, capsys):
     with pytest.raises(SystemExit):
         main([verb, "--help"])
     said = " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
-    assert f"Robot in the scenes: {' or '.join(robot_names())}." in said
+    assert f"Robot in the scenes: {' or '.join(robot_names())}; by default" in said
 
 
 @pytest.mark.parametrize(

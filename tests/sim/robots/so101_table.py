@@ -25,6 +25,7 @@ TABLE = named_task(
         slots=(FRUIT, STAND),
         training=a.conditions([{LEMON: FRUIT, BOX: STAND}], [PUT]),
         variations=(),
+        robot="so101",
     ),
     "so101_table",
     "Put the lemon into the box.",
