@@ -480,6 +480,22 @@ def test_the_same_file_gives_the_same_bytes_and_bytes_give_the_same_object(tmp_p
             from_bytes(damaged, "here")
 
 
+def test_the_parts_of_one_mesh_have_an_order(tmp_path):
+    """trimesh names the primitives of a mesh at random."""
+    scene = trimesh.Scene([trimesh.creation.box((0.01 * (k + 1), 0.02, 0.02)) for k in range(5)])
+    data = scene.export(file_type="glb")
+    length = struct.unpack("<I", data[12:16])[0]
+    form = json.loads(data[20 : 20 + length])
+    primitives = [primitive for mesh in form["meshes"] for primitive in mesh["primitives"]]
+    form |= {"meshes": [{"name": "whole", "primitives": primitives}], "nodes": [{"mesh": 0}], "scene": 0}
+    form["scenes"] = [{"nodes": [0]}]
+    path = tmp_path / "block.glb"
+    path.write_bytes(glb_of(form, data[28 + length :]))
+    orders = {tuple(float(np.ptp(part.vertices[:, 0])) for part in read_mesh_file(path).parts) for _ in range(8)}
+    assert len(orders) == 1
+    assert len(next(iter(orders))) == 5
+
+
 @pytest.mark.usefixtures("imports_here")
 def test_an_import_is_kept_and_made_again_if_the_file_or_a_wish_changes(tmp_path, own_cache):
     path = saved(trimesh.creation.box((0.05, 0.016, 0.012)), tmp_path / "block.stl")

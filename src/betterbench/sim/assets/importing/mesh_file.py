@@ -255,8 +255,9 @@ def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes
 def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene of trimesh
     found: list[RawPart] = []
     faces = 0
-    for node in sorted(scene.graph.nodes_geometry):
-        transform, key = scene.graph[node]
+    # The names of the nodes are no order: trimesh draws random ones for the primitives of one mesh.
+    nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    for transform, key in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0]).tolist())):
         mesh = scene.geometry[key]
         if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
             continue
