@@ -856,6 +856,27 @@ def test_a_gripper_that_comes_to_the_right_thing_again_and_again_never_closes(st
     assert (found.label, found.kind, found.evidence.rule) == (Label.TIMEOUT, Kind.EXECUTION, "never_closes")
 
 
+@pytest.mark.parametrize(
+    ("task", "name"), [("desk_meeting", "train1"), ("fruit_lunch", "train1"), ("fast_food", "train1")]
+)
+def test_an_open_gripper_that_trembles_around_the_right_object_has_not_halted(stage, task, name):
+    s = stage(task, name)
+    x, y, z = s.grip_point(_next_due(s))
+    s.over(np.array([x, y]), 0.3).go(x, y, z)
+    for noise in np.random.default_rng(0).normal(0.0, 0.0012, (600, 3)).tolist():
+        s.go(x + noise[0], y + noise[1], z + noise[2])
+    found = diagnose_record(s.end(termination="step_limit"))
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "never_closes")
+
+
+@pytest.mark.parametrize(("task", "name"), [("desk_meeting", "train1"), ("fast_food", "train1")])
+def test_an_open_gripper_that_stands_still_at_the_right_object_has_halted(stage, task, name):
+    s = stage(task, name)
+    x, y, z = s.grip_point(_next_due(s))
+    found = diagnose_record(s.over(np.array([x, y]), 0.3).go(x, y, z).wait(15.0).end(termination="step_limit"))
+    assert found.label is Label.EARLY_HALT
+
+
 @pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), *MID_TASK])
 def test_a_gripper_that_closed_once_by_accident_does_not_close_on_the_right_thing(stage, task, name):
     s = stage(task, name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.analysis.approaches import lowered, spans
+from betterbench.diagnosis.analysis.approaches import comes_down_to, lowered, spans
 from betterbench.diagnosis.analysis.episode_analysis import (
     AttemptTarget,
     EpisodeAnalysis,
@@ -39,13 +39,15 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
-    also be a pause. An arm that holds the right object at its target region has halted only if the arm does not move at
-    all: otherwise the gripper fails to open.
+    also be a pause. An arm that holds the right object at its target region, or has come down to it with open fingers,
+    has halted only if the arm does not move at all: otherwise the gripper fails to open, or to close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
-    still = _at_rest(trace) if kept else _still(trace)
-    if not kept and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
+    # A gripper at the object to be grasped, or with the object at its target, has halted only without any motion.
+    trembles = kept or comes_down_to(trace, episode.idle_from) in episode.wanted(episode.idle_from)
+    still = _at_rest(trace) if trembles else _still(trace)
+    if not trembles and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
         still[_in_place_from(trace) :] = True
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
