@@ -15,7 +15,7 @@ from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.records import RunFolder
 from betterbench.sim.robots import robot, robot_names
 from betterbench.statistics import decide, smallest_paired_difference
-from betterbench.tasks import get_task, suite_tasks
+from betterbench.tasks import all_tasks, get_task, suite_tasks
 from betterbench.tasks.interventions import vary
 
 TASKS = tuple(get_task(name) for name in suite_tasks("better60"))
@@ -149,10 +149,12 @@ def test_bad_arguments_are_named_before_anything_runs(arguments, error, text):
 
 @pytest.mark.parametrize("name", robot_names())
 def test_the_robot_is_a_value_of_the_plan_and_gives_the_action_space(name):
-    plan = make_plan("expert", tasks=("fast_food",), trials=1, robot=name)
+    task = next(task.id for task in all_tasks() if task.robot == name)
+    plan = make_plan("expert", tasks=(task,), trials=1)
+    assert plan == make_plan("expert", tasks=(task,), trials=1, robot=name)
     assert (plan.to_json()["robot"], plan.action_space) == (name, robot(name).action_spaces[0])
     for space in robot(name).action_spaces:
-        assert make_plan("expert", tasks=("fast_food",), trials=1, robot=name, action_space=space).action_space == space
+        assert make_plan("expert", tasks=(task,), trials=1, robot=name, action_space=space).action_space == space
 
 
 def test_looks_are_a_value_of_the_plan():
