@@ -23,7 +23,7 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Renderer, Scene
 from betterbench.sim.scenes.framing import FramingView
 from betterbench.sim.scenes.stage import quality_preset
-from betterbench.tasks import Condition, Task, all_tasks
+from betterbench.tasks import Condition, Task, get_task, suite_tasks
 from betterbench.tasks.interventions import vary
 
 CROPS = 200
@@ -190,9 +190,9 @@ def _numbered(crop: Crop, number: int) -> Crop:
 
 
 def _places() -> dict[str, list[tuple[Task, Condition, str]]]:
-    """Return where each category occurs: task, condition and name of the object."""
+    """Return where each category of better60 occurs: task, condition and name of the object."""
     places: dict[str, list[tuple[Task, Condition, str]]] = {}
-    for task in all_tasks():
+    for task in map(get_task, suite_tasks("better60")):
         for condition in (*task.training, *(vary(task, v)[0] for v in task.variations)):
             for o in condition.objects:
                 places.setdefault(o.category, []).append((task, condition, o.name))

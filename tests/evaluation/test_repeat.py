@@ -42,7 +42,7 @@ def test_the_plan_of_a_run_comes_back(uninterrupted, tiny_plan, given):
         {"trials": 2, "seed": 3, "observation": "official", "quality": "high"},
         {"tasks": ["office_drawer"], "trials": 1, "action_space": "joint_delta", "observation": "state_only"},
         {"variations": ["fast_food/T1", "L2"], "trials": 1},
-        {"tasks": ["fast_food"], "trials": 1, "robot": "so101", "action_space": "so101_normalized"},
+        {"tasks": ["fruit_basket"], "trials": 1, "robot": "so101", "action_space": "so101_normalized"},
     ],
     ids=["all tasks", "one task", "some variations", "another robot"],
 )
