@@ -168,7 +168,9 @@ def test_the_method_of_a_run_makes_the_same_attempts_again(sources, amplified):
     record = amplified.read_record(entry.task, entry.condition, entry.seed)
     notes = attempts_of(amplified.path)[entry.key].notes
     method = method_of(amplified)
-    again = production.attempt_at(production.scene_of(entry.key, method.quality), len(notes) - 1, method).record
+    again = production.attempt_at(
+        production.scene_of(entry.key, method.quality, method.robot), len(notes) - 1, method
+    ).record
     assert np.array_equal(again.qpos, record.qpos)
 
 
@@ -228,7 +230,7 @@ def test_an_amplified_attempt_frees_its_scene_without_the_garbage_collector(sour
     if fails:
         for ways in ("free_way", "way_to"):  # those of the sources, and planned ones
             monkeypatch.setattr(Planner, ways, lambda *_, **__: None)
-    scene = production.scene_of(next(iter(sources.entries())).key, "standard")
+    scene = production.scene_of(next(iter(sources.entries())).key, "standard", "panda")
     library = load_library(sources, "morning_coffee")
     gc.collect()
     gc.disable()
