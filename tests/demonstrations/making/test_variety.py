@@ -152,7 +152,7 @@ def test_a_way_at_another_speed_passes_the_same_points(faster):
 def test_attempts_at_one_start_differ_in_path_height_and_side(sources):
     """Where the planner alone found the ways, path, height and side differed by 1.1, 0.2 and 0.2 cm here."""
     library = load_library(sources, TASK)
-    scene = scene_of(TrialId(TASK, "train1", 1_000_000_100), "fast")
+    scene = scene_of(TrialId(TASK, "train1", 1_000_000_100), "fast", "panda")
     attempts = [amplify_attempt(scene, number, library, AmplifierSettings()) for number in range(4)]
     done = [a.record for a in attempts if a.note.accepted]
     assert len(done) >= 3
