@@ -182,6 +182,12 @@ def test_the_native_layout_has_the_joints_of_the_robot(name):
     assert states["better.joint_positions"] == states["better.joint_velocities"] == len(robot(name).arm_joints)
 
 
+def test_the_packaged_certificate_is_not_replaced_by_one_of_another_robot(capsys, tmp_path):
+    assert main(["certify", "--tasks", "fruit_basket", "--write-package", "--out", str(tmp_path / "made")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "one of 'panda', and these tasks are laid out for 'so101'" in said
+
+
 def test_a_layout_of_another_robots_actions_is_refused():
     with pytest.raises(UnknownNameError, match="action space of the SO-101 follower arm 'joint_delta'"):
         layout_of("openpi_droid", robot="so101")

@@ -66,6 +66,7 @@ def certify_command(
     from betterbench.cli.output.certificate import print_certificate
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.evaluation import make_plan
+    from betterbench.interface.actions import USUAL_ROBOT
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.report.pages.certificate_page import write_certificate_page
     from betterbench.tasks import TrialId, suite_tasks
@@ -73,6 +74,10 @@ def certify_command(
     of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
     if write_package and arm != USUAL_OPTION:
         raise InvalidInputError("--write-package", "the packaged files are those of the Panda", "Leave out --robot")
+    robot = arm.of(tasks or of_suite)
+    if write_package and demonstrations is None and robot != USUAL_ROBOT:
+        problem = f"the packaged certificate is one of {USUAL_ROBOT!r}, and these tasks are laid out for {robot!r}"
+        raise InvalidInputError("--write-package", problem, "Leave it out")
     if write_package and demonstrations is None and looks != "seen":
         raise InvalidInputError(
             "--write-package", "it replaces the certificate with the seen looks", "Leave out --looks"
@@ -80,7 +85,6 @@ def certify_command(
     kept = None
     if write_package and demonstrations is None and tasks:
         kept = packaged_coverage().only(versions_in_use([name for name in of_suite if name not in tasks]))
-    robot = arm.of(tasks or of_suite)
     prepare_robot(robot)
     folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
     if demonstrations is not None:
