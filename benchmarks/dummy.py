@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
@@ -15,6 +14,7 @@ import zmq
 
 from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
 from betterbench.policies.serving.server import PolicyServer
+from own_process import serving
 
 CHUNK = 8
 """Actions of an answer."""
@@ -47,30 +47,15 @@ def dummy_server(latency_s: float, *, concurrency: int) -> Iterator[str]:
         latency_s: Time that an answer takes [s].
         concurrency: Answers that are under way at once; the others wait for their turn.
     """
-    with _process(_serve, latency_s, concurrency) as address:
+    with serving(_serve, latency_s, concurrency) as address:
         yield f"{address}?preset=native"
 
 
 @contextmanager
 def dummy_gr00t_server(latency_s: float) -> Iterator[str]:
     """Serve GR00T's protocol likewise: one call at a time, of any number of observations, as its own server does."""
-    with _process(_serve_gr00t, latency_s) as address:
+    with serving(_serve_gr00t, latency_s) as address:
         yield address
-
-
-@contextmanager
-def _process(serve: Callable[..., None], *arguments: float) -> Iterator[str]:
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=serve, args=(*arguments, theirs), daemon=True)
-    process.start()
-    theirs.close()
-    try:
-        yield ours.recv()
-    finally:
-        process.kill()
-        process.join()
-        ours.close()
 
 
 def _serve(latency_s: float, concurrency: int, answer: Connection) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
+
+from own_process import serving
 
 _ANSWER = json.dumps(
     {
@@ -25,17 +26,8 @@ def instant_chat_server() -> Iterator[int]:
 
     The server reads each request to its end and answers with the letter B and token counts.
     """
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_serve, args=(theirs,), daemon=True)
-    process.start()
-    theirs.close()
-    try:
-        yield ours.recv()
-    finally:
-        process.kill()
-        process.join()
-        ours.close()
+    with serving(_serve) as port:
+        yield port
 
 
 def _serve(answer: Connection) -> None:

@@ -24,6 +24,7 @@ from betterbench.sim.assets.authoring.mesh import (
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.sim.assets.authoring.registry import generator, generator_of, unregister
 from betterbench.sim.assets.authoring.solids import (
+    flared_walls,
     foot_square,
     leaning_box,
     open_box,
@@ -53,6 +54,7 @@ __all__ = [
     "box",
     "centered",
     "disc",
+    "flared_walls",
     "foot_square",
     "generator",
     "generator_of",

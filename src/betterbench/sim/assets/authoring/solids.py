@@ -102,6 +102,24 @@ def round_wall(
     return ring_of_boards((0.5 * thickness, along, up), radius - 0.5 * thickness, low + up, x=x)
 
 
+def flared_walls(foot: float, top: float, height: float, *, wall: float, floor: float) -> tuple[CollisionPart, ...]:
+    """Return a hollow round object that widens upward: a floor of two crossed plates, and eight leaning boards.
+
+    The plates fill an octagon and rest on fixed corners. ``foot`` and ``top`` are the outer radii at the ground and at
+    ``height``, ``wall`` and ``floor`` the thicknesses [m].
+    """
+    lean, inner_low, inner_top = math.atan2(top - foot, height), foot - wall, top - wall
+    half_wall = 0.5 * (height - 0.001) / math.cos(lean)
+    board = (0.5 * wall, (inner_top + wall) * math.tan(math.pi / 8.0), half_wall - 0.0005)
+    away, middle = 0.5 * (inner_low + inner_top) + 0.5 * wall, 0.001 + 0.5 * (height - 0.001)
+    long, short = inner_low - 0.0005, 0.55 * inner_low
+    return (
+        solid_box((-long, -short, 0.0), (long, short, floor)),
+        solid_box((-short, -long, 0.0), (short, long, floor)),
+        *ring_of_boards(board, away, middle, lean=lean),
+    )
+
+
 def open_box(
     inner: tuple[float, float], wall: float, floor: float, height: float, *, x: float = 0.0
 ) -> tuple[CollisionPart, ...]:

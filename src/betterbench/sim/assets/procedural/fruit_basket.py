@@ -4,19 +4,17 @@ import math
 
 import numpy as np
 
-from betterbench.sim.assets.asset import CollisionPart
 from betterbench.sim.assets.authoring import (
     Draft,
     Rgb,
     Turned,
     disc,
+    flared_walls,
     generator,
     jittered,
     mixed,
     part,
-    ring_of_boards,
     shaded,
-    solid_box,
     uniforms,
     zone,
 )
@@ -55,7 +53,7 @@ def fruit_basket(rng: np.random.Generator, color: str) -> Draft:
     top = (height - 2.0 * edge, height - 1.4 * edge, height - 0.5 * edge, height)
     heights = (0.0, 0.0, 0.003, *top, height - 0.5 * edge, height - 2.0 * edge, _FLOOR, _FLOOR)
     shell = Turned(radii, heights, sides=_SIDES, crease_degrees=60.0)
-    walls = _walls(foot, rim - 0.5 * edge, height)
+    walls = flared_walls(foot, rim - 0.5 * edge, height, wall=_WALL, floor=_FLOOR)
     inside, half = 0.5 * (height - _FLOOR), 0.85 * (foot - _WALL)
     return Draft(
         shape="cylinder",
@@ -74,20 +72,6 @@ def fruit_basket(rng: np.random.Generator, color: str) -> Draft:
             disc("base", foot),
         ),
         parameters={"rim_radius_m": rim, "foot_radius_m": foot, "height_m": height, "rows": float(rows)},
-    )
-
-
-def _walls(foot: float, top: float, height: float) -> tuple[CollisionPart, ...]:
-    """Return two crossed plates, which fill an octagon and rest on fixed corners, and eight leaning boards."""
-    lean, inner_low, inner_top = math.atan2(top - foot, height), foot - _WALL, top - _WALL
-    half_wall = 0.5 * (height - 0.001) / math.cos(lean)
-    board = (0.5 * _WALL, (inner_top + _WALL) * math.tan(math.pi / 8.0), half_wall - 0.0005)
-    away, middle = 0.5 * (inner_low + inner_top) + 0.5 * _WALL, 0.001 + 0.5 * (height - 0.001)
-    long, short = inner_low - 0.0005, 0.55 * inner_low
-    return (
-        solid_box((-long, -short, 0.0), (long, short, _FLOOR)),
-        solid_box((-short, -long, 0.0), (short, long, _FLOOR)),
-        *ring_of_boards(board, away, middle, lean=lean),
     )
 
 

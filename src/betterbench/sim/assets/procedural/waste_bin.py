@@ -7,7 +7,7 @@ import numpy as np
 
 from betterbench.geometry import from_axis_angle, from_yaw, multiply
 from betterbench.sim.assets.asset import CollisionPart, VisualPart
-from betterbench.sim.assets.authoring import Draft, Turned, disc, generator, part, ring_of_boards, solid_box, zone
+from betterbench.sim.assets.authoring import Draft, Turned, disc, flared_walls, generator, part, solid_box, zone
 from betterbench.sim.assets.authoring.materials import material
 from betterbench.sim.assets.authoring.mesh import Mesh, creased
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
@@ -53,6 +53,8 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     # The widest upright box from floor to rim that fits between the walls at the floor.
     inside, half = 0.5 * (height - _FLOOR), (0.92 if square else 0.78) * inner_low
     shape = "square" if square else "round"
+    top = rim - 0.003
+    walls = _square_walls(foot, top, height) if square else flared_walls(foot, top, height, wall=_WALL, floor=_FLOOR)
     return Draft(
         shape="box" if square else "cylinder",
         description=f"A {shape} open {color} waste bin{' with a bag' if bag else ''}.",
@@ -60,7 +62,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
         mass_kg=round(48.0 * rim * height, 3),
         densities=(3.0,) if square else (3.0, 3.0, *(0.25,) * 8),
         material="steel" if finish == "mesh" else "plastic",
-        parts=(*seen, *(_square_walls if square else _round_walls)(foot, rim - 0.003, height)),
+        parts=(*seen, *walls),
         regions=(
             zone("inside", half, half, _FLOOR + inside, half_z=inside),
             disc("opening", rim - 0.003 - _WALL, height),
@@ -81,20 +83,6 @@ def _squared(mesh: Mesh, corner: np.ndarray) -> Mesh:
     """Return a turned mesh with each of its sides moved outward by a factor."""
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
     return mesh.scaled_across(corner[np.round(angle * _SIDES / (2.0 * math.pi)).astype(int) % _SIDES])
-
-
-def _round_walls(foot: float, top: float, height: float) -> Sequence[CollisionPart]:
-    """Return two crossed plates, which fill an octagon and rest on fixed corners, and eight leaning boards."""
-    flare, inner_low, inner_top = math.atan2(top - foot, height), foot - _WALL, top - _WALL
-    half_wall = 0.5 * (height - 0.001) / math.cos(flare)
-    board = (0.5 * _WALL, (inner_top + _WALL) * math.tan(math.pi / 8.0), half_wall - 0.0005)
-    away, middle = 0.5 * (inner_low + inner_top) + 0.5 * _WALL, 0.001 + 0.5 * (height - 0.001)
-    long, short = inner_low - 0.0005, 0.55 * inner_low
-    return (
-        solid_box((-long, -short, 0.0), (long, short, _FLOOR)),
-        solid_box((-short, -long, 0.0), (short, long, _FLOOR)),
-        *ring_of_boards(board, away, middle, lean=flare),
-    )
 
 
 def _square_walls(foot: float, top: float, height: float) -> Sequence[CollisionPart]:
