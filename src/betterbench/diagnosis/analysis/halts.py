@@ -45,9 +45,9 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
     # A gripper at the object to be grasped, or with the object at its target, has halted only without any motion.
-    trembles = kept or comes_down_to(trace, episode.idle_from) in episode.wanted(episode.idle_from)
-    still = _at_rest(trace) if trembles else _still(trace)
-    if not trembles and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
+    arrived = kept or comes_down_to(trace, episode.idle_from) in episode.wanted(episode.idle_from)
+    still = _at_rest(trace) if arrived else _still(trace)
+    if not arrived and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
         still[_in_place_from(trace) :] = True
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
