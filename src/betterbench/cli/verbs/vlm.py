@@ -18,20 +18,16 @@ if TYPE_CHECKING:
     from betterbench.vlm import Benchmark, ItemSet
     from betterbench.vlm.models.eyes import Eyes
     from betterbench.vqa.coordinates import Coordinates
-    from betterbench.vqa.llm import Model, ReplyCache
+    from betterbench.vqa.llm import Model
     from betterbench.vqa.request_totals import Prices
 
 FETCH = "fetch"
 """First word of a command that downloads data."""
 PROBE = "probe"
 """First word of a command that finds out the convention of a model's coordinates."""
-LEARNER = "learned"
-"""Scheme of the address of a co-trained learner."""
 SIDE_PX = 896
 """Side of the images of a set that is made [pixel]: two by two tiles of InternVL. All eyes but native show less of it;
 images of 256 pixels would be nearly the same with all eyes."""
-IN_PROCESS = "hf"
-"""Scheme of the address of a checkpoint in this process, before a colon."""
 
 
 def vlm_command(
@@ -110,26 +106,35 @@ def vlm_command(
     if model is None:
         raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
 
+    from betterbench.learning.training.model_kind import LEARNER_MODEL
+    from betterbench.vlm.models.endpoint import ENDPOINT
     from betterbench.vlm.models.eyes import Eyes
+    from betterbench.vlm.models.hugging_face import HUGGING_FACE
+    from betterbench.vlm.models.kind import ModelOptions, kind_of
     from betterbench.vqa.coordinates import convention
 
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
         raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
-    is_learner = model.partition(":")[0] == LEARNER
-    if _folder_of(model) is not None or is_learner:
-        at_once = 1  # its threads are those of one request
-    if is_learner:
-        _require_set(chosen, data, records, {"--eyes": eyes != "native", "--coordinates": coordinates is not None})
-    elif records is not None:
-        raise InvalidInputError(
-            "--records", "it applies only to a learner", f"Leave it out, or give {LEARNER}:CHECKPOINT"
-        )
+    kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
+    options = ModelOptions(
+        address=model,
+        own_set=chosen is not None and not chosen.source.repository,
+        eyes=resolution,
+        max_tiles=max_tiles,
+        max_tokens=max_tokens,
+        key_variable=key_variable,
+        coordinates=coordinates,
+        data=data,
+        records=records,
+    )
+    kind.require(options)
+    if kind.one_at_a_time:
+        at_once = 1
     if acted is not None and benchmark != "better-vqa":
         raise InvalidInputError("--acted", f"{benchmark} has no static illusion gap", "Leave it out, or run better-vqa")
     if chosen is None:
-        asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=None)
-        _probe(asked, out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
+        _probe(kind.make(options, None), out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the run")
@@ -152,15 +157,12 @@ def vlm_command(
         eyes=resolution,
         most_tiles=max_tiles,
         at_once=at_once,
-        probe=probe and not is_learner,
+        probe=probe and kind.sees,
         official=scoring == "official",
         max_tokens=max_tokens,
         prices=_prices(price_in, price_out),
     )
-    if is_learner and data is not None and records is not None:
-        asked = _learner(model, data, records)
-    else:
-        asked = _model(model, resolution, max_tiles, max_tokens, key=key_variable, cache=kept)
+    asked = kind.make(options, kept)
     did = None if acted is None else _acted(acted)
     items = _items(chosen, data, questions, workers)
     run = evaluate_model(chosen, items, asked, out, settings, extractor=reader, bar=_bar)
@@ -170,12 +172,6 @@ def vlm_command(
         return
     print_run(chosen, run, did)
     OUT.print(str(out), markup=False, soft_wrap=True)
-
-
-def _folder_of(model: str) -> Path | None:
-    """Return the folder of a checkpoint in this process, or None for another model."""
-    scheme, _, folder = model.partition(":")
-    return Path(folder).expanduser() if scheme == IN_PROCESS else None
 
 
 def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
@@ -188,64 +184,6 @@ def _prices(price_in: float | None, price_out: float | None) -> Prices | None:
         missing = "--price-in" if price_in is None else "--price-out"
         raise InvalidInputError(missing, "is missing", "Give both prices per million tokens, or none")
     return Prices(price_in, price_out)
-
-
-def _model(
-    address: str, eyes: Eyes, max_tiles: int | None, max_tokens: int, *, key: str, cache: ReplyCache | None
-) -> Model:
-    """Return the model at an address: a chat endpoint, or a checkpoint in this process."""
-    from betterbench.vlm.models.eyes import MYOPIC, Eyes
-    from betterbench.vlm.models.tiles import MOST_TILES
-    from betterbench.vqa.llm import ChatModel, endpoint_at
-
-    folder = _folder_of(address)
-    if folder is None:
-        further = None if max_tiles is None else {"mm_processor_kwargs": {"max_dynamic_patch": max_tiles}}
-        otherwise = f"{IN_PROCESS}:FOLDER"
-        endpoint = endpoint_at(address, key_variable=key, otherwise=otherwise, further=further, cache=cache)
-        return ChatModel(endpoint, max_tokens)
-    from betterbench.vlm.models.intern_vl import InternVl
-
-    return InternVl(
-        folder,
-        most_tiles=(max_tiles or MOST_TILES) if eyes is Eyes.NATIVE else 1,
-        side=MYOPIC if eyes is Eyes.NATIVE_224 else None,
-        max_tokens=max_tokens,
-    )
-
-
-def _require_set(chosen: Benchmark | None, data: Path | None, records: Path | None, given: dict[str, bool]) -> None:
-    """Raise InvalidInputError for options with which a learner cannot answer.
-
-    Args:
-        chosen: The benchmark; None for a probe.
-        data: Set of questions.
-        records: Run about whose frames the set asks.
-        given: Whether an option that requires images or free coordinates was given, by option.
-    """
-    if chosen is None or chosen.source.repository:
-        cure = "Evaluate it on a set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
-        raise InvalidInputError("--model", "a learner answers only questions about frames of recorded trials", cure)
-    for option, path, what in (("--data", data, "set of better vqa"), ("--records", records, "run of that set")):
-        if path is None:
-            raise InvalidInputError(option, "is missing; a learner answers about recorded states", f"Name the {what}")
-    for option, is_given in given.items():
-        if is_given:
-            raise InvalidInputError(option, "it does not apply to a learner, which gets no images", "Leave it out")
-
-
-def _learner(address: str, data: Path, records: Path) -> Model:
-    """Return the learner at an address as a model for a set about the frames of a run."""
-    from betterbench.policies.kinds.learned import LEARNED
-    from betterbench.policies.learned.loading import load_learner
-    from betterbench.records import RunFolder
-    from betterbench.vqa.dataset import read_set
-
-    parsed = LEARNED.parse(address)
-    learner = load_learner(parsed)
-    from betterbench.learning.training.answering import LearnerModel
-
-    return LearnerModel(Path(parsed.target).name, learner, read_set(data), RunFolder.open(records))
 
 
 def _acted(run: Path) -> RunDiagnosis:

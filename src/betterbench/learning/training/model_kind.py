@@ -1,0 +1,45 @@
+"""Co-trained learners as models of ``better vlm``: ``learned:CHECKPOINT``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from betterbench.errors import InvalidInputError
+from betterbench.vlm.models.eyes import Eyes
+from betterbench.vlm.models.kind import ModelKind, ModelOptions
+
+if TYPE_CHECKING:
+    from betterbench.vqa.llm import Model, ReplyCache
+
+
+def _require(options: ModelOptions) -> None:
+    if not options.own_set:
+        cure = "Evaluate it on a set of better vqa: better vlm --data SET --records RUN --model learned:CHECKPOINT"
+        raise InvalidInputError("--model", "a learner answers only questions about frames of recorded trials", cure)
+    needed = (("--data", options.data, "set of better vqa"), ("--records", options.records, "run of that set"))
+    for option, path, what in needed:
+        if path is None:
+            raise InvalidInputError(option, "is missing; a learner answers about recorded states", f"Name the {what}")
+    given = {"--eyes": options.eyes is not Eyes.NATIVE, "--coordinates": options.coordinates is not None}
+    for option, is_given in given.items():
+        if is_given:
+            raise InvalidInputError(option, "it does not apply to a learner, which gets no images", "Leave it out")
+
+
+def _make(options: ModelOptions, cache: ReplyCache | None) -> Model:
+    del cache  # only requests to an endpoint are stored
+    if options.data is None or options.records is None:
+        raise ValueError("a learner requires a set and its run")
+    from betterbench.learning.training.answering import LearnerModel
+    from betterbench.policies.kinds.learned import LEARNED
+    from betterbench.policies.learned.loading import load_learner
+    from betterbench.records import RunFolder
+    from betterbench.vqa.dataset import read_set
+
+    parsed = LEARNED.parse(options.address)
+    learner = load_learner(parsed)
+    return LearnerModel(Path(parsed.target).name, learner, read_set(options.data), RunFolder.open(options.records))
+
+
+LEARNER_MODEL = ModelKind(scheme="learned", make=_make, require=_require, sees=False, one_at_a_time=True)

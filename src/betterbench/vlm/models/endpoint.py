@@ -1,0 +1,25 @@
+"""Models behind a chat endpoint with OpenAI's protocol: ``URL#MODEL``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from betterbench.vlm.models.kind import ModelKind, ModelOptions
+
+if TYPE_CHECKING:
+    from betterbench.vqa.llm import Model, ReplyCache
+
+
+def _make(options: ModelOptions, cache: ReplyCache | None) -> Model:
+    from betterbench.vqa.llm import ChatModel, endpoint_at
+
+    tiles = options.max_tiles
+    # vLLM hands this field to the processor of the model; InternVL's processor takes the number of tiles by this name.
+    further = None if tiles is None else {"mm_processor_kwargs": {"max_dynamic_patch": tiles}}
+    endpoint = endpoint_at(
+        options.address, key_variable=options.key_variable, otherwise="hf:FOLDER", further=further, cache=cache
+    )
+    return ChatModel(endpoint, options.max_tokens)
+
+
+ENDPOINT = ModelKind(scheme="", make=_make)

@@ -1,0 +1,89 @@
+"""Kinds of models of ``better vlm``, told apart by the beginning of the address.
+
+A kind is one module with one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
+:mod:`~betterbench.vlm.models.hugging_face` (``hf:FOLDER``) and, in the package of the learners,
+``betterbench.learning.training.model_kind`` (``learned:CHECKPOINT``). The command line lists them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from betterbench.errors import InvalidInputError
+from betterbench.vlm.models.eyes import Eyes
+
+if TYPE_CHECKING:
+    from betterbench.vqa.llm import Model, ReplyCache
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelOptions:
+    """Options of a command that concern its model.
+
+    Attributes:
+        address: Address of the model.
+        own_set: Whether the questions are a set of ``better vqa``, not a published benchmark or the coordinate probe.
+        eyes: Resolution of the images.
+        max_tiles: Maximum number of tiles per image; None for the model's own.
+        max_tokens: Longest answer [tokens].
+        key_variable: Environment variable with the key of an endpoint.
+        coordinates: Declared convention of coordinates; None if it was not declared.
+        data: Folder of the benchmark's data; None if it is made.
+        records: Run about whose frames a set asks; only for a model that gets recorded states.
+    """
+
+    address: str
+    own_set: bool
+    eyes: Eyes = Eyes.NATIVE
+    max_tiles: int | None = None
+    max_tokens: int = 1024
+    key_variable: str = "OPENAI_API_KEY"
+    coordinates: str | None = None
+    data: Path | None = None
+    records: Path | None = None
+
+    @property
+    def target(self) -> str:
+        """The address without the scheme of its kind: ``FOLDER`` of ``hf:FOLDER``."""
+        return self.address.partition(":")[2]
+
+
+def require_no_records(options: ModelOptions) -> None:
+    """Raise InvalidInputError if the options name a run, which a model that sees images does not get."""
+    if options.records is not None:
+        cure = "Leave it out, or give learned:CHECKPOINT"
+        raise InvalidInputError("--records", "it applies only to a learner", cure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelKind:
+    """Kind of model.
+
+    Attributes:
+        scheme: First part of its addresses, before a colon; empty for all addresses of no other kind.
+        make: Makes the model at an address, with stored replies to equal requests if the cache is not None. It raises a
+            BetterError if there is no such model.
+        require: Raises InvalidInputError for options with which the model cannot answer. It is called first.
+        sees: Whether the model gets images, so that the convention of its coordinates can be probed.
+        one_at_a_time: Whether it answers one request after the other, whatever ``--at-once`` says.
+    """
+
+    scheme: str
+    make: Callable[[ModelOptions, ReplyCache | None], Model]
+    require: Callable[[ModelOptions], None] = require_no_records
+    sees: bool = True
+    one_at_a_time: bool = False
+
+
+def kind_of(address: str, kinds: Iterable[ModelKind]) -> ModelKind:
+    """Return the kind of a model.
+
+    Args:
+        address: Address of the model.
+        kinds: All kinds, one of them with an empty scheme.
+    """
+    by_scheme = {kind.scheme: kind for kind in kinds}
+    return by_scheme.get(address.partition(":")[0], by_scheme[""])
