@@ -1,13 +1,13 @@
 """Films of learned policies, judged blind from strips of frames and compared with the diagnosis.
 
-The first command draws trials by seed from the runs of studies, the given number from each run, with a given number of
-failures. For every trial it writes a numbered strip of frames (``NNN.png``) and a text (``NNN.txt``) with the
-instruction, the objects at the start and the training conditions. Neither shows a label, a contact or the outcome.
-The file ``drawn.json``, which a judge must not read, says which trials these are. Judges write a table with the columns
-``id``, ``label``, ``kind``, ``sure`` and ``remark``. The second command compares two such tables with each other and
-with the diagnosis::
+The first command draws trials by seed from the runs of studies and from single runs, the given number from each run,
+with a given number of failures. For every trial it writes a numbered strip of frames (``NNN.png``) and a text
+(``NNN.txt``) with the instruction, the objects at the start and the training conditions. Neither shows a label, a
+contact or the outcome. The file ``drawn.json``, which a judge must not read, says which trials these are. Judges write
+a table with the columns ``id``, ``label``, ``kind``, ``sure`` and ``remark``. The second command compares two such
+tables with each other and with the diagnosis::
 
-    python tools/judged_films.py draw FILMS STUDY [STUDY ...] --per-run 25 --failures 19
+    python tools/judged_films.py draw FILMS STUDY_OR_RUN [...] --per-run 25 --failures 19
     python tools/judged_films.py compare FILMS/drawn.json judge1.csv judge2.csv
 
 The third command writes a contact sheet with a few frames of some films, for the documentation::
@@ -29,7 +29,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.diagnosis import diagnose_run
-from betterbench.learning.study.outcomes import TrialOutcome, read_trials
+from betterbench.learning.study.outcomes import read_trials
 from betterbench.records import Record, RunFolder
 from betterbench.sim.scenes.limited import LimitedView
 from betterbench.statistics import AgreementTable, wilson_interval
@@ -185,14 +185,27 @@ def _layout(condition: Condition) -> str:
     return ", ".join([*placed, *resting])
 
 
-def runs_of(study: Path) -> Iterator[tuple[str, list[TrialOutcome]]]:
-    """Yield the runs of a study with their trials, in name order."""
-    for path in sorted((study / "stages").glob("runs-*.json")):
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of a trial that may be drawn."""
+
+    condition: str
+    seed: int
+    success: bool
+
+
+def runs_of(place: Path) -> Iterator[tuple[Path, list[Outcome]]]:
+    """Yield the run in a folder, or the runs of the study in it in name order, with their trials."""
+    if not (place / "stages").is_dir():
+        yield place, [Outcome(t.condition, t.seed, t.success) for t in diagnose_run(place).trials]
+        return
+    for path in sorted((place / "stages").glob("runs-*.json")):
+        trials = read_trials(json.loads(path.read_text(encoding="utf-8"))["output"]["trials"], str(path))
         name = path.stem.removeprefix("runs-")
-        yield name, list(read_trials(json.loads(path.read_text(encoding="utf-8"))["output"]["trials"], str(path)))
+        yield place / "runs" / name, [Outcome(t.variation or t.condition, t.seed, t.success) for t in trials]
 
 
-def choose(trials: Sequence[TrialOutcome], count: int, failures: int, name: str, seed: int) -> list[TrialOutcome]:
+def choose(trials: Sequence[Outcome], count: int, failures: int, name: str, seed: int) -> list[Outcome]:
     """Return trials drawn by seed: at least so many failures, if the run has them, in shuffled order."""
     random = stream("judged films", seed, name)
     order = [trials[int(i)] for i in random.permutation(len(trials))]
@@ -203,31 +216,29 @@ def choose(trials: Sequence[TrialOutcome], count: int, failures: int, name: str,
     return [chosen[int(i)] for i in random.permutation(len(chosen))]
 
 
-def draw_films(out: Path, studies: Sequence[Path], per_run: int, failures: int, seed: int) -> None:
+def draw_films(out: Path, places: Sequence[Path], per_run: int, failures: int, seed: int) -> None:
     """Draw trials, write their strips and texts, and list them in ``drawn.json``; films that exist are kept."""
     out.mkdir(parents=True, exist_ok=True)
     listing = out / "drawn.json"
     known = [Drawn(**form) for form in json.loads(listing.read_text(encoding="utf-8"))] if listing.exists() else []
     with LimitedView(quality="fast", size=RENDER_PX) as view:
-        for study in studies:
-            for name, trials in runs_of(study):
-                folder = str(study / "runs" / name)
-                have = {(d.condition, d.seed) for d in known if d.run == folder}
-                left = [t for t in trials if (t.variation or t.condition, t.seed) not in have]
-                wanted = failures - sum(not t.success for t in trials if t not in left)
-                known += [
-                    Drawn(len(known) + 1 + i, folder, name.partition("-")[0], t.variation or t.condition, t.seed)
-                    for i, t in enumerate(choose(left, per_run - len(have), wanted, name, seed))
-                ]
-                run = RunFolder.open(Path(folder))
-                for drawn in known:
-                    path = out / f"{drawn.number:03d}.png"
-                    if drawn.run != folder or path.exists():
-                        continue
-                    record = run.read_record(drawn.task, drawn.condition, drawn.seed)
-                    text = text_of(record, drawn, get_task(drawn.task))
-                    path.with_suffix(".txt").write_text(text, encoding="utf-8")
-                    strip(run, drawn, view).save(path)
+        for folder, trials in (found for place in places for found in runs_of(place)):
+            run, name = RunFolder.open(folder), folder.name
+            have = {(d.condition, d.seed) for d in known if d.run == str(folder)}
+            left = [t for t in trials if (t.condition, t.seed) not in have]
+            wanted = failures - sum(not t.success for t in trials if t not in left)
+            known += [
+                Drawn(len(known) + 1 + i, str(folder), name.partition("-")[0], t.condition, t.seed)
+                for i, t in enumerate(choose(left, per_run - len(have), wanted, name, seed))
+            ]
+            for drawn in known:
+                path = out / f"{drawn.number:03d}.png"
+                if drawn.run != str(folder) or path.exists():
+                    continue
+                record = run.read_record(drawn.task, drawn.condition, drawn.seed)
+                text = text_of(record, drawn, get_task(drawn.task))
+                path.with_suffix(".txt").write_text(text, encoding="utf-8")
+                strip(run, drawn, view).save(path)
     listing.write_text(json.dumps([asdict(d) for d in known], indent=1) + "\n", encoding="utf-8")
 
 
@@ -338,7 +349,7 @@ def main() -> None:
     verbs = parser.add_subparsers(dest="verb", required=True)
     drawing = verbs.add_parser("draw")
     drawing.add_argument("out", type=Path)
-    drawing.add_argument("studies", type=Path, nargs="+")
+    drawing.add_argument("places", type=Path, nargs="+", help="folders of studies or runs")
     drawing.add_argument("--per-run", type=int, default=25)
     drawing.add_argument("--failures", type=int, default=19)
     drawing.add_argument("--seed", type=int, default=0)
@@ -354,7 +365,7 @@ def main() -> None:
     if given.verb == "sheet":
         contact_sheet(given.films, given.numbers, given.out)
     elif given.verb == "draw":
-        draw_films(given.out, given.studies, given.per_run, given.failures, given.seed)
+        draw_films(given.out, given.places, given.per_run, given.failures, given.seed)
     else:
         compare(given.drawn, tuple(given.tables), given.out)
 
