@@ -137,3 +137,12 @@ def test_a_checkpoint_runs_each_benchmark_from_end_to_end(name, checkpoint, tmp_
     assert found.requests.sentences() == ["The model reported no token counts."]
     again = evaluate_model(benchmark, items, model, tmp_path / "again", settings)
     assert again.score.items == found.score.items
+
+
+def test_an_import_that_fails_is_no_fault_of_the_checkpoint(checkpoint, monkeypatch):
+    def load(*_, **__):
+        raise ModuleNotFoundError("Could not import module 'AutoImageProcessor'")
+
+    monkeypatch.setattr("transformers.AutoImageProcessor.from_pretrained", load)
+    with pytest.raises(InvalidInputError, match=r"an import fails .* matching versions of torch, torchvision"):
+        InternVl(checkpoint)

@@ -90,7 +90,11 @@ class InternVl:
             model = transformers.AutoModelForImageTextToText.from_pretrained(
                 folder, local_files_only=True, dtype="auto" if self._device.type == "cuda" else torch.float32
             )
-        except (OSError, ValueError, KeyError, ImportError, RuntimeError, SafetensorError) as error:
+        except ImportError as error:  # such as a torchvision that was built for another torch
+            problem = f"transformers cannot load it, because an import fails ({one_line(error, most=200)})"
+            cure = "Install matching versions of torch, torchvision and transformers, or uninstall torchvision"
+            raise InvalidInputError(str(folder), problem, cure) from error
+        except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
             problem = f"cannot be loaded as a checkpoint ({one_line(error, most=200)})"
             raise InvalidInputError(str(folder), problem, "Download all files of the checkpoint again") from error
         if not getattr(self._tokenizer, "chat_template", None):
