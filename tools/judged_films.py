@@ -197,7 +197,7 @@ class Outcome:
 def runs_of(place: Path) -> Iterator[tuple[Path, list[Outcome]]]:
     """Yield the run in a folder, or the runs of the study in it in name order, with their trials."""
     if not (place / "stages").is_dir():
-        yield place, [Outcome(t.condition, t.seed, t.success) for t in diagnose_run(place).trials]
+        yield place, [Outcome(t.variation or t.condition, t.seed, t.success) for t in diagnose_run(place).trials]
         return
     for path in sorted((place / "stages").glob("runs-*.json")):
         trials = read_trials(json.loads(path.read_text(encoding="utf-8"))["output"]["trials"], str(path))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -53,3 +54,14 @@ def test_an_answer_without_a_known_label_names_the_closest(films, tmp_path):
     table.write_text("id,label,kind,sure,remark\n7,time_out,execution,sure,\n")
     with pytest.raises(UnknownNameError, match="timeout"):
         films.judgments_in(table)
+
+
+def test_trials_of_a_single_run_have_the_names_of_their_variations(films, monkeypatch, tmp_path):
+    found = [
+        SimpleNamespace(variation=None, condition="train1", seed=0, success=True),
+        SimpleNamespace(variation="L1", condition="train1", seed=0, success=False),
+    ]
+    monkeypatch.setattr(films, "diagnose_run", lambda _: SimpleNamespace(trials=found))
+    ((folder, trials),) = films.runs_of(tmp_path)
+    assert folder == tmp_path
+    assert trials == [films.Outcome("train1", 0, success=True), films.Outcome("L1", 0, success=False)]

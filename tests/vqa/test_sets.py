@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -148,6 +149,19 @@ def test_answers_come_equally_often_within_a_group(made):
     for answers in groups.values():
         assert len(answers) > 1
         assert len({len(members) for members in answers.values()}) == 1
+
+
+def test_no_phrasing_tells_the_answer(made):
+    counts = {}
+    for q in made.questions:
+        if q.form not in (Form.BOX, Form.POINT) and "[" not in q.text:  # the box of a question is its own
+            counts.setdefault((q.group, q.text), Counter())[q.answer] += 1
+    several = {group for group, _ in counts}
+    assert len(counts) > len(several)  # more than one phrasing of a group occurs
+    answers = {group: {a for (g, _), found in counts.items() if g == group for a in found} for group in several}
+    for (group, text), found in counts.items():
+        assert set(found) == answers[group], text
+        assert len(set(found.values())) == 1, text
 
 
 def test_a_set_has_its_files_in_both_forms(made):

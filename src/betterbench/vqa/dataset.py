@@ -51,7 +51,7 @@ from betterbench.records import Record, RunFolder
 from betterbench.records.tables import table_bytes
 from betterbench.tasks import TrialId, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
-from betterbench.vqa.balance import choose_balanced, thin
+from betterbench.vqa.balance import Chosen, choose_balanced, thin
 from betterbench.vqa.blind import Baseline, baselines
 from betterbench.vqa.difficulty import difficulty_of
 from betterbench.vqa.episode import episode_of, rows_to_ask
@@ -69,11 +69,12 @@ from betterbench.vqa.question import (
 )
 from betterbench.vqa.types import candidates_of
 
-SET_SCHEMA_VERSION = 4
+SET_SCHEMA_VERSION = 5
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 4 has the boxes of all objects of a question; version 3 has new phrasings and balances the kinds of question
-within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a warning.
+Version 5 has each answer equally often in each phrasing; version 4 has the boxes of all objects of a question; version
+3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; version 1
+sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
@@ -254,7 +255,7 @@ def make_set(
         _survey(run, out, trials, options, open_photos=open_photos, workers=workers, on_progress=on_progress)
         candidates = (c for trial in trials for c in _read_candidates(_shard(out, trial)))
         chosen = choose_balanced(candidates, count=options.questions, seed=options.seed)
-        made = [_question(c.candidate, c.answers, options) for c in chosen]
+        made = [_question(c, options) for c in chosen]
         order = sorted(range(len(made)), key=lambda i: made[i].id)
         questions = [made[i] for i in order]
         found = baselines(questions, [chosen[i].turn for i in order])
@@ -405,15 +406,20 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
         yield read_form(CANDIDATE, line, where=str(file), cure=_ANEW, raises=RecordError, sealed=True)
 
 
-def _question(candidate: Candidate, answers: tuple[str, ...], options: SetOptions) -> Question:
-    """Return a selected question with its text and options."""
+def _question(chosen: Chosen, options: SetOptions) -> Question:
+    """Return a selected question with its text and options.
+
+    All questions with the same turn in a group have one phrasing. They have each answer once, so that the phrasing does
+    not tell the answer.
+    """
+    candidate, answers = chosen.candidate, chosen.answers
     spatial = candidate.form in (Form.BOX, Form.POINT)
     identifier = candidate.id(options.seed)
     shown = sorted(answers, key=lambda a: hash_number("option", identifier, a)) if candidate.form is Form.CHOICE else ()
     return finished(
         candidate,
         identifier=identifier,
-        text=phrase(candidate, seed=options.seed),
+        text=phrase(candidate, number=hash_number("phrasing", options.seed, candidate.key, chosen.turn)),
         options=tuple(shown),
         size=options.size,
         chance=None if spatial else 1.0 / len(answers),

@@ -358,7 +358,7 @@ def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
         yield finished(
             told,
             identifier=identifier,
-            text=phrase(candidate, seed=options.seed, number=first + number),
+            text=phrase(candidate, number=first + number),
             options=tuple(shown),
             size=options.size,
             chance=1.0 / len(asked.options) if asked.options else 0.5,

@@ -97,7 +97,7 @@ def _worded(moment: Moment, draft: QuestionDraft, seed: int) -> Iterator[Questio
         yield finished(
             candidate,
             identifier=f"{candidate.id(seed)}-{WHERE}-{number + 1}",
-            text=phrase(candidate, seed=seed, number=first + number),
+            text=phrase(candidate, number=first + number),
             options=(),
             size=moment.view.width,
             chance=None,

@@ -7,7 +7,7 @@ Image regions are called bounding boxes, because scenes contain boxes as objects
 from __future__ import annotations
 
 from betterbench.errors import UnknownNameError
-from betterbench.vqa.question import Candidate, hash_number
+from betterbench.vqa.question import Candidate
 
 PHRASINGS: dict[str, tuple[str, ...]] = {
     "box of": (
@@ -247,10 +247,8 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
 """Phrasings by family, with placeholders in braces."""
 
 
-def phrase(candidate: Candidate, *, seed: int, number: int | None = None) -> str:
-    """Return the question's text in phrasing ``number`` of its family.
-
-    If ``number`` is None, the phrasing is picked by a hash of the question's id.
+def phrase(candidate: Candidate, *, number: int) -> str:
+    """Return the question's text in a phrasing of its family; the number is taken modulo the number of phrasings.
 
     Raises:
         UnknownNameError: If the family does not exist.
@@ -258,5 +256,4 @@ def phrase(candidate: Candidate, *, seed: int, number: int | None = None) -> str
     if candidate.family not in PHRASINGS:
         raise UnknownNameError("family of questions", candidate.family, PHRASINGS)
     ways = PHRASINGS[candidate.family]
-    chosen = hash_number("phrasing", candidate.id(seed)) if number is None else number
-    return ways[chosen % len(ways)].format(**candidate.words)
+    return ways[number % len(ways)].format(**candidate.words)
