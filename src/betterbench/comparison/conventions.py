@@ -1,4 +1,4 @@
-"""Plan conventions and its records that affect outcomes."""
+"""Conventions of a plan and its records that affect outcomes."""
 
 from __future__ import annotations
 
