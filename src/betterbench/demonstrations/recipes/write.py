@@ -1,4 +1,4 @@
-"""A recipe as a folder: files for the framework, commands in order, and a page with each field's source."""
+"""Recipe folder: files for the framework, commands in order, and a page with the source of each field."""
 
 from __future__ import annotations
 
