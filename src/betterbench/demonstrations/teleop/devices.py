@@ -1,6 +1,6 @@
 """Gamepads and SpaceMice connected to the machine that runs betterbench, read from the kernel.
 
-Devices at the user's own computer are read by the page. This module implements the Linux input protocol
+Devices connected to the user's own computer are read by the page. This module implements the Linux input protocol
 (``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
@@ -25,10 +25,10 @@ from betterbench.errors import InvalidInputError, system_error_text
 DeviceKind = Literal["gamepad", "SpaceMouse"]
 
 EVENT = struct.Struct("llHHi")
-"""One event: seconds, microseconds, type, code, value."""
+"""Layout of an event: seconds, microseconds, type, code, value."""
 EV_KEY, EV_REL, EV_ABS = 1, 2, 3
 SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
-"""Default of the largest deflection if the kernel does not report it."""
+"""Default maximum deflection if the kernel does not report it."""
 RENEW_S = 0.1
 """Period at which an unchanged deflection is renewed [s], because the kernel reports only changes."""
 SPRUNG_S = 0.15
