@@ -37,7 +37,7 @@ _ENDS_BYTES = 1 << 16
 
 
 def mark_of(verb: str) -> str:
-    """Return the text that marks a file as an output of a subcommand, in the format's place for comments."""
+    """Return the comment that marks a file as the output of a subcommand."""
     return f"Written by better {verb} (betterbench)"
 
 
@@ -129,7 +129,7 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """A folder to which a subcommand writes its files, locked while open; a context manager.
+    """Output folder of a subcommand, locked while open; a context manager.
 
     Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed,
     except in subfolders with their own lock.

@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """A command's claim on a folder; it determines which files may be replaced."""
+    """Claim of a command on a folder, which determines which files may be replaced."""
 
     @property
     def thread(self) -> int:

@@ -1,4 +1,4 @@
-"""Doses of a confound: failure rates on variations that break it, by the fraction of demonstrations that have it."""
+"""Dose response of a confound: failure rates on variations that break it, by the fraction of demonstrations with it."""
 
 from __future__ import annotations
 

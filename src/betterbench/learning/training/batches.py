@@ -1,4 +1,4 @@
-"""Batches of a training set. The frames of a step depend only on seed and step, so that training can be resumed."""
+"""Batches of a training set, which depend only on seed and step so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -119,9 +119,9 @@ def _stream(seed: int, step: int, what: int) -> np.random.Generator:
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return frames in which frames at gripper changes are repeated according to their weight.
+    """Return the frames with those at gripper changes repeated according to their weight.
 
-    Fractions are spread evenly.
+    Fractional weights are spread evenly.
     """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0
