@@ -70,14 +70,14 @@ from betterbench.vqa.question import (
 from betterbench.vqa.types import candidates_of
 
 SET_SCHEMA_VERSION = 4
-"""Version of the files and questions of a set. A set of another version cannot be continued.
+"""Version of the files and questions of a set. A set of a different version cannot be continued.
 
 Version 4 has the boxes of all objects of a question; version 3 has new phrasings and balances the kinds of question
 within each type. Sets of all versions can be read; version 1 sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
-"""Cameras of the images. Texts do not name the camera, so that positions in the image cannot be guessed."""
+"""Cameras of the images. Questions do not name the camera, so that image positions cannot be guessed from it."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
 """Maximum number of questions in a set, and of frames per trial."""
@@ -349,7 +349,7 @@ def _survey(
     workers: int,
     on_progress: OnCount | None,
 ) -> None:
-    """Write the possible questions about each trial, with its images; finished trials are left as they are."""
+    """Write the possible questions about each trial, with their images; finished trials are kept."""
     look = partial(_look_at, run, out, options)
     run_items(
         trials,

@@ -1,4 +1,4 @@
-"""Regularities in a task's training conditions, such as the slots that go with each word.
+"""Regularities in a task's training conditions, such as the slots associated with each word.
 
 Variations break these confounds. They are computed from the training conditions, not written by hand, so the two cannot
 disagree.
@@ -35,7 +35,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Most frequent kind of first object in demonstrations, or None on a tie."""
+        """Kind of object with which most demonstrations begin, or None in case of a tie."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None
@@ -96,7 +96,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return a condition's instruction and its initial scene: the kind in each slot, and the open drawers."""
+    """Return the instruction and the initial scene of a condition: the kind in each slot, and the open drawers."""
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}
