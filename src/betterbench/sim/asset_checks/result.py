@@ -1,4 +1,4 @@
-"""Results of the asset certificate: one per check, and all of one asset; both have a JSON form."""
+"""Results of the asset certificate, per check and per asset, both JSON-serializable."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A modality folder. The same settings resume it; other settings are rejected if the folder contains a file.
+    """Modality folder, which can be resumed with the same settings; others are rejected if it already contains a file.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.

@@ -1,4 +1,4 @@
-"""A recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
+"""Export of a recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 

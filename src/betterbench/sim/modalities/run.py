@@ -132,7 +132,7 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
 
 
 class _Views:
-    """The limited processes of one thread, one for each render preset. A context manager, which ends them."""
+    """Limited processes of one thread, one per render preset; a context manager that ends them."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run

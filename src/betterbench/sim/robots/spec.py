@@ -1,4 +1,4 @@
-"""Robot description for other packages: one frozen value per robot, and a registry by name."""
+"""Robot descriptions for other packages, one frozen value per robot, and their registry."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class IKWeights:
-    """Costs of the inverse kinematics, relative to a position error of 1 m, and the freedom of the tool's rotation.
+    """Costs of the inverse kinematics relative to a position error of 1 m, and the slack of the tool's rotation.
 
     An arm with fewer than six joints cannot take every pose: it gets a small cost of rotation, so that positions are
     exact and rotations as close as the arm can turn, and ``rotation_slack_rad`` says how much of an error is accepted.

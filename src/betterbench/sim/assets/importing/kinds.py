@@ -1,4 +1,4 @@
-"""Usual size, mass and use of each kind of object, which determine scale, mass and pose of an imported mesh."""
+"""Usual size, mass and use of each kind of object, which determine scale, mass and pose of imported meshes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _kind(line: str) -> Kind:
 
 
 def kind_of(text: str) -> Kind | None:
-    """Return the kind named in a name or a description, None if there is none.
+    """Return the kind named in a name or description, or None.
 
     The longest matching name wins, and among names of equal length the last, because English puts the noun last.
     """

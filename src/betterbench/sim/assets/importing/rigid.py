@@ -1,4 +1,4 @@
-"""Rigid bodies of URDF and MJCF files: poses, primitive shapes as meshes, and mass of several parts as one."""
+"""Rigid bodies in URDF and MJCF files: poses, primitive shapes as meshes, and combined mass of several parts."""
 
 from __future__ import annotations
 
