@@ -12,7 +12,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
     """Return the conventions declared in a plan and in its records.
 
     Args:
-        plan: JSON form of a plan; missing conventions are skipped.
+        plan: plan as JSON; missing conventions are skipped.
         versions: Versions found in the records, which take precedence.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}

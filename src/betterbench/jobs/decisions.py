@@ -196,7 +196,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @staticmethod
     def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
-        """Return the JSON form of a line."""
+        """Return a line as JSON."""
         return asdict(review)
 
 

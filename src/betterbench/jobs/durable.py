@@ -102,7 +102,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Tell whether a file name belongs to an unfinished :class:`DurableFile`."""
+    """Return whether a file name belongs to an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 

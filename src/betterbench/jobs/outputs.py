@@ -264,10 +264,10 @@ def _is_name(name: str) -> bool:
 
 
 def is_run(path: Path) -> bool:
-    """Tell whether a folder entry is a run, which has its own lock."""
+    """Return whether a folder entry is a run, which has its own lock."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 
 def is_bookkeeping(path: Path) -> bool:
-    """Tell whether a folder entry is a lock, a file list or a command's unfinished file."""
+    """Return whether a folder entry is a lock, a file list or a command's unfinished file."""
     return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

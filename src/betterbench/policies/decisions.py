@@ -107,7 +107,7 @@ def bring_to(goal: Subgoal, name: str) -> Bring:
 
 
 def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
-    """Tell whether an object is at a subgoal's target."""
+    """Return whether an object is at a subgoal's target."""
     return relation(relation_name).holds(state, name, target, region)
 
 

@@ -60,7 +60,7 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """JSON form of an entry. All fields are written; journals of older versions have no ground truth."""
+    """JSON representation of an entry. All fields are written; journals of older versions have no ground truth."""
 
     task: str
     condition: str

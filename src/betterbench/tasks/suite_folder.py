@@ -86,7 +86,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
 
     Args:
         name: Suite name, without the digest.
-        forms: JSON forms of its tasks by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        forms: its tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
         InvalidInputError: If the name is not one, or there is no task.

@@ -90,7 +90,7 @@ _FORM = TypeAdapter(SetRecipe)
 
 
 def holds_recipe(out: Path) -> bool:
-    """Tell whether a folder contains a dataset's recipe."""
+    """Return whether a folder contains a dataset's recipe."""
     try:
         read_recipe(out)
     except RecordError:

@@ -693,7 +693,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Tell whether each word of ``those`` overlaps with another word of ``these``, and at least one by characters."""
+    """Return whether each word of ``those`` overlaps with another word of ``these``, and at least one by characters."""
     if len(those) > len(these):
         return False
     return any(

@@ -95,7 +95,7 @@ class LeRobotFacts:
 
 
 def is_lerobot_dataset(path: Path) -> bool:
-    """Tell whether a folder looks like a LeRobot dataset."""
+    """Return whether a folder looks like a LeRobot dataset."""
     return (path / "meta" / "info.json").is_file()
 
 

@@ -57,7 +57,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Tell whether a file is a Git LFS pointer; return False if it cannot be read or is not a regular file."""
+    """Return whether a file is a Git LFS pointer; return False if it cannot be read or is not a regular file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER

@@ -138,7 +138,7 @@ def _arm(facts: EpisodeFacts) -> str:
 
 
 def _is_named(facts: EpisodeFacts) -> bool:
-    """Tell whether the objects have names; in facts about arms, the arms replace the objects."""
+    """Return whether the objects have names; in facts about arms, the arms replace the objects."""
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 
 

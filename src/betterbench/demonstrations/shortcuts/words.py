@@ -31,7 +31,7 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Tell whether a text is a word from a script with spaces, as opposed to a run of characters."""
+    """Return whether a text is a word from a script with spaces, as opposed to a run of characters."""
     return not _NO_SPACES.search(word)
 
 
@@ -208,7 +208,7 @@ _BESIDE_PLACES = frozenset(
 
 
 def names_a_place(words: Iterable[str]) -> bool:
-    """Tell whether words that always occur together all name a place, such as "left".
+    """Return whether words that always occur together all name a place, such as "left".
 
     For runs of characters, one run that names a place is enough: the runs around it are part of it.
     """

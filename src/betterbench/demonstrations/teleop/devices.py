@@ -75,7 +75,7 @@ def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
 
 
 def _has_key(words: Sequence[str], key: int) -> bool:
-    """Tell whether a bit is set in the words of a capability: 64-bit hexadecimal words, most significant word first."""
+    """Return whether a bit is set in the words of a capability: 64-bit hexadecimal, most significant word first."""
     index = len(words) - 1 - key // 64
     return index >= 0 and bool(int(words[index], 16) >> (key % 64) & 1)
 

@@ -101,7 +101,7 @@ class Steering:
 
 
 def is_finite(pose: Pose) -> bool:
-    """Tell whether all numbers in a pose are finite and its quaternion is a rotation."""
+    """Return whether all numbers in a pose are finite and its quaternion is a rotation."""
     numbers = (*pose.position, *pose.quaternion)
     return all(map(math.isfinite, numbers)) and sum(v * v for v in pose.quaternion) > 1e-6
 

@@ -349,7 +349,7 @@ class _Auditor:
         yield from self._placements(variation)
 
     def _turned_deg(self, variation: Resolved, name: str) -> float:
-        """Return the smallest rotation of an object from its pose in a training variation [degrees], 0 if it is round."""
+        """Return the smallest rotation of an object from a training variation [degrees], 0 if it is round."""
         match = self.matches.get(name)
         if match is not None and not match.is_stand_in and match.asset.shape in ("round", "cylinder"):
             return 0.0

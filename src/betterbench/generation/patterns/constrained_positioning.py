@@ -145,7 +145,7 @@ class _Positioning:
         return in_order(found), tuple(unbuilt)
 
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
-        """Return the first training condition of the layout that requests another item, so that its motion is no solution."""
+        """Return the first training condition of the layout that requests another item, whose motion is no solution."""
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
         for number, condition in enumerate(training, start=1):

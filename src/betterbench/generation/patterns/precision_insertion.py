@@ -177,7 +177,7 @@ class _Insertion:
 
 
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
-    """Return the items in the order of their holes: those in the instruction first, then the others in the free holes."""
+    """Return the items in the order of their holes, first those in the instruction, then the others."""
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])
     return tuple(placed[hole] if hole in placed else next(others) for hole in HOLES)

@@ -320,7 +320,7 @@ _FORM = TypeAdapter(StudyPlan)
 
 
 def read_study_plan(form: object, *, where: str = "plan") -> StudyPlan:
-    """Return the plan of a JSON form.
+    """Parse a study plan from JSON.
 
     Raises:
         InvalidInputError: If a field is missing, unknown or out of range; the message names it.

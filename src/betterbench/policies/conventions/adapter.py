@@ -311,7 +311,7 @@ class Adapter:
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
-        """Read the JSON form.
+        """Read an adapter from JSON.
 
         Raises InvalidInputError if a field is missing, unknown or malformed, and UnknownNameError for an unknown action
         space.
@@ -349,7 +349,7 @@ def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form in which all keys are lists."""
+    """Return JSON in which all keys are lists."""
     return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
 
 

@@ -332,7 +332,7 @@ _FORM = TypeAdapter(TrainingRecipe)
 def read_training_recipe(
     form: object, *, where: str = "recipe", changes: Mapping[str, Any] | None = None
 ) -> TrainingRecipe:
-    """Return the recipe of a JSON form.
+    """Parse a recipe from JSON.
 
     Args:
         form: The fields, as a mapping or a JSON string.

@@ -129,7 +129,7 @@ def files_in(path: Path) -> list[Path]:
 
 
 def _is_begun(path: Path) -> bool:
-    """Tell whether a modality folder contains a file, finished or not."""
+    """Return whether a modality folder contains a file, finished or not."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 

@@ -192,7 +192,7 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Tell whether the file for a trial's view exists, belongs to this record, and is intact.
+        """Return whether the file for a trial's view exists, belongs to this record, and is intact.
 
         The complete file is read, because its header does not cover the rest; this takes about 2 % of the rendering
         time.

@@ -182,7 +182,7 @@ class _Collapsing:
         return True
 
     def _on_border(self, vertex: int) -> bool:
-        """Tell whether a vertex has an edge with only one triangle."""
+        """Return whether a vertex has an edge with only one triangle."""
         seen: dict[int, int] = {}
         for number in self._around[vertex]:
             for other in self._faces[number] or ():
@@ -210,7 +210,7 @@ class _Collapsing:
 
 
 def _quadrics(points: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> list[Quadric]:
-    """Return the ten numbers of each vertex's quadric, from the area-weighted planes of its faces and its border planes.
+    """Return the ten numbers of each vertex's quadric, from the area-weighted planes of its faces and borders.
 
     All of them are multiplied by the ``weights`` (n,) of the vertices.
     """
@@ -270,7 +270,7 @@ def _minimum(q: Quadric) -> Point | None:
 
 
 def _keeps(before: list[Point], after: list[Point]) -> bool:
-    """Tell whether a moved triangle keeps its orientation and is not a sliver."""
+    """Return whether a moved triangle keeps its orientation and is not a sliver."""
     n, m = _normal(before), _normal(after)
     size_n, size_m = math.hypot(*n), math.hypot(*m)
     longest = max(math.dist(after[0], after[1]), math.dist(after[1], after[2]), math.dist(after[2], after[0]))

@@ -58,7 +58,7 @@ _Number = Annotated[int, Field(ge=0, le=0xFFFF)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """The JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
+    """JSON representation of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
 
     instances: list[_Number]
     object_bodies: list[_Number]

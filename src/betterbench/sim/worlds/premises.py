@@ -146,7 +146,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Tell whether the first line of a file is an entry; raise OSError unless the file is missing."""
+    """Return whether the first line of a file is an entry; raise OSError unless the file is missing."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)

@@ -401,7 +401,7 @@ class World(ABC):
         """Yield one image (size, size, 3) for each requested moment in a run.
 
         Args:
-            stored: JSON form of the world in the run plan.
+            stored: the world as JSON, from the run plan.
             wanted: Moments, grouped by scene.
             size: Width and height of an image [pixel].
             where: Name of the plan file, for messages.

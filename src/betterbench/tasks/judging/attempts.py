@@ -249,13 +249,13 @@ def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
 
 
 def _unresolved(motion: Motion, start: int, limit: int) -> bool:
-    """Tell whether the episode ended before the fingers could reach an object."""
+    """Return whether the episode ended before the fingers could reach an object."""
     short = limit - start < motion.steps(THRESHOLDS.stop_time)
     return limit == motion.rows and (short or _still_closing(motion, limit))
 
 
 def _still_closing(motion: Motion, limit: int) -> bool:
-    """Tell whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
+    """Return whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
     return limit == motion.rows and float(motion.width[limit - 2] - motion.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
@@ -303,7 +303,7 @@ def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
 
 
 def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
-    """Tell whether an object rose in the gripper, or a drawer moved along its rails."""
+    """Return whether an object rose in the gripper, or a drawer moved along its rails."""
     if i is None:
         return False
     rows = slice(start, stop)
@@ -340,7 +340,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Tell whether a gripper closes near the table, away from home, and not while the arm moves."""
+    """Return whether a gripper closes near the table, away from home, and not while the arm moves."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False

@@ -70,11 +70,11 @@ class Motion:
         return max(1, round(seconds * self.rate_hz))
 
     def on_table(self, row: int, i: int) -> bool:
-        """Tell whether an object has not fallen off the table."""
+        """Return whether an object has not fallen off the table."""
         return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
 
     def is_drawer(self, i: int | None) -> bool:
-        """Tell whether an object is a drawer."""
+        """Return whether an object is a drawer."""
         return i is not None and self.info.objects[i].role == "drawer"
 
     def box_distances(self, row: int, point: Floats) -> Floats:
@@ -149,7 +149,7 @@ class Motion:
         return None if any(gaps[i] < beyond and self.on_table(row, i) for i in range(len(gaps))) else name
 
     def _stands_in(self, row: int, slot: PickedSlot) -> bool:
-        """Tell whether a slot contains a graspable object."""
+        """Return whether a slot contains a graspable object."""
         gaps = np.linalg.norm(self.positions[row, :, :2] - np.array(slot.middle), axis=1)
         return any(
             gaps[i] <= THRESHOLDS.slot_reach and not self.there[row, i] and self.on_table(row, i) for i in self.items

@@ -167,13 +167,13 @@ class Restraint:
         )
 
     def _moved(self, state: WorldState) -> bool:
-        """Tell whether an object that must not be touched is away from its start."""
+        """Return whether an object that must not be touched is away from its start."""
         if not self._still or state.positions == self._start:
             return False
         return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
 
     def _is_near(self, state: WorldState) -> bool:
-        """Tell whether an empty gripper could be within reach of a forbidden object."""
+        """Return whether an empty gripper could be within reach of a forbidden object."""
         place = state.ee_pose.position
         return state.held is None and any(
             distance(place, state.positions[i]) <= reach for i, reach in zip(self._forbidden, self._reach, strict=True)

@@ -28,7 +28,7 @@ DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
-    """Tell whether an object is inside a container.
+    """Return whether an object is inside a container.
 
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside. An object

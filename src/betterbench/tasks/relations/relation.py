@@ -87,7 +87,7 @@ class Relation:
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
-        """Tell whether an object is in a target region."""
+        """Return whether an object is in a target region."""
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:

@@ -47,7 +47,7 @@ class RestWatch:
 
 
 def on_floor(state: WorldState, name: str) -> bool:
-    """Tell whether an object has fallen below the table top."""
+    """Return whether an object has fallen below the table top."""
     return state.position(name)[2] < -THRESHOLDS.fallen_below
 
 
@@ -62,5 +62,5 @@ def lies_on_side(state: WorldState, name: str) -> bool:
 
 
 def arm_still(state: WorldState) -> bool:
-    """Tell whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
+    """Return whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
     return all(abs(v) < 0.05 for v in state.joint_velocities)

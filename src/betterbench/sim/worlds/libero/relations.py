@@ -76,7 +76,7 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Tell whether two models touch: robosuite's ``check_contact`` using indices."""
+        """Return whether two models touch: robosuite's ``check_contact`` using indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 

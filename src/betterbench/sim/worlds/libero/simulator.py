@@ -405,7 +405,7 @@ class _Reader:
         return all(name in self._env.object_states_dict for name in relation[1:])
 
     def _is_premise(self, relation: list[str], interest: list[str]) -> bool:
-        """Tell whether a start relation places an object named in the instruction on another object."""
+        """Return whether a start relation places an object named in the instruction on another object."""
         if not self._known(relation) or len(relation) != 3 or relation[1] not in interest:
             return False
         place = self._env.object_sites_dict.get(relation[2])
@@ -550,7 +550,7 @@ def _is_placing(relation: list[str]) -> bool:
 
 
 def _is_on_surface(region: Mapping[str, Any]) -> bool:
-    """Tell whether a region is a rectangle on the table or the floor."""
+    """Return whether a region is a rectangle on the table or the floor."""
     return bool(region["ranges"]) and (region["target"] == "floor" or region["target"].endswith("table"))
 
 

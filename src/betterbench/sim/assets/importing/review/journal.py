@@ -81,7 +81,7 @@ class ReviewJournal(DecisionJournal[Review]):
 
     @staticmethod
     def form(review: Review) -> dict[str, Any]:
-        """Return the JSON form of a line."""
+        """Return a line as JSON."""
         form = DecisionJournal.form(review)
         form["size_m"] = [round(float(v), 6) for v in review.size_m]
         return form
