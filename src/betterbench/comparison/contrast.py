@@ -24,7 +24,7 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Largest number of trials per side for Boschloo's test, which takes 2 s at this size. Above it Barnard's test is used,
+"""Maximum number of trials per side for Boschloo's test, which takes 2 s at this size. Above it Barnard's test is used,
 which agrees closely.
 """
 

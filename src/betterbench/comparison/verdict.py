@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which each pair gets a sentence; with more, compact letters are used."""
+"""Maximum number of policies for which each pair gets a sentence; with more, compact letters are used."""
 
 SHOWN_PARTS = 6
 """Maximum number of groups named in one sentence."""

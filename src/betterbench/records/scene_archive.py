@@ -25,7 +25,7 @@ MAX_SCENE_BYTES = 256 * 1024 * 1024
 """Largest size of a stored scene after decompression."""
 
 MAX_SCENE_FILES = 10_000
-"""Largest number of files of a stored scene."""
+"""Maximum number of files of a stored scene."""
 
 _LEVEL = 3
 """Compression level, which takes half as long as zlib's default 6 (60 to 100 ms) and makes archives 5 % larger."""

@@ -29,7 +29,7 @@ MOST_PAIRS = 100
 """Largest recommended number of pairs per variation."""
 
 MOST_VARIATIONS = 3
-"""Largest number of recommended variations."""
+"""Maximum number of recommended variations."""
 
 _SETTINGS = (
     ("--action-space", "action_space", "ee_delta"),

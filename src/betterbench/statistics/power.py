@@ -24,7 +24,7 @@ DEFAULT_POWER = 0.8
 """Probability of detecting a true difference; 80 % is the usual planning value."""
 
 EXACT_ARM_LIMIT = 300
-"""Largest number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
+"""Maximum number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
 Above this number, the normal approximation is used; at the limit, both give the same smallest difference to 0.1 points.
 """
 

@@ -20,7 +20,7 @@ class Axis(StrEnum):
 
     @classmethod
     def of(cls, variation: str) -> Axis:
-        """Return the axis at the beginning of a variation's name.
+        """Return the axis denoted by the first letter of a variation's name.
 
         Raises:
             ValueError: If it begins with a letter other than L, R, O or T.

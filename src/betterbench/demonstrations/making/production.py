@@ -283,9 +283,9 @@ def collect(
     Args:
         tasks: Names of the tasks.
         out: Run folder.
-        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
+        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
         first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts at one start, each in another motion style.
+        attempts: Maximum attempts per start, each in a different motion style.
         regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene get the same seeds and motion styles, so that the cause is the
             only difference.
@@ -325,7 +325,7 @@ def amplify(
         tasks: Task names; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts at one start, each with another leading source.
+        attempts: Maximum attempts per start, each with a different leading source.
         settings: Settings of the transfer.
         workers: Worker processes.
         on_progress: Called at the start and after every start.

@@ -1,4 +1,4 @@
-"""Wrong object or target: one that another instruction of the task names, while no more specific rule is proven."""
+"""Wrong object or target: another instruction of the task names it, and no more specific rule is proven."""
 
 from __future__ import annotations
 

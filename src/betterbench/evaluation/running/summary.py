@@ -50,7 +50,7 @@ class PolicyService:
 
     Attributes:
         p50_s: Median over the trials of the median answer time [s].
-        max_s: Longest time of an answer [s].
+        max_s: Maximum time of an answer [s].
         concurrency: Average number of pending requests.
         retries: Number of repeated requests; None if the policy has no connection.
         reconnects: Number of reconnections; None if the policy has no connection.

@@ -19,7 +19,7 @@ class Deadline:
     """Deadline for a policy that the run itself serves."""
 
     limit_s: float
-    """Longest time from request to answer [s]."""
+    """Maximum time from request to answer [s]."""
     on_hang: Callable[[], None]
     """Function called when the deadline has passed; a hanging call can only be ended together with its process."""
 

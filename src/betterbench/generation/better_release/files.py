@@ -27,13 +27,13 @@ BASE = "BASE"
 """Default id of the base variation, which every other variation extends."""
 
 MOST_VARIATIONS = 200
-"""Largest number of variations of a task."""
+"""Maximum number of variations of a task."""
 
 _CURE = "Correct the file, or restore it from the release"
 _QUOTE = "Quote the words on, off, yes and no, which YAML reads as booleans"
 
 MOST_OBJECTS = 100
-"""Largest number of objects of a task."""
+"""Maximum number of objects of a task."""
 
 FormT = TypeVar("FormT")
 

@@ -50,7 +50,7 @@ ATTEMPTS_PER_TASK = 3
 GROWTH_NAME = "growth.json"
 """File with the outcome."""
 MOST_TASKS = 10_000
-"""Largest number of tasks of a suite."""
+"""Maximum number of tasks of a suite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class GrowSettings:
         quotas: Quotas.
         distinct: Difference required between two tasks that are not near-duplicates.
         unlike: Suites whose near-duplicates are left out: "better60", or folders.
-        max_attempts: Largest number of scenarios that are built; None for three per task.
+        max_attempts: Maximum number of scenarios that are built; None for three per task.
         name: Name of the suite, without its digest.
     """
 
@@ -84,7 +84,7 @@ class GrowSettings:
 
     @property
     def attempts(self) -> int:
-        """Largest number of scenarios that are built."""
+        """Maximum number of scenarios that are built."""
         return ATTEMPTS_PER_TASK * self.until if self.max_attempts is None else self.max_attempts
 
     def to_json(self) -> dict[str, object]:

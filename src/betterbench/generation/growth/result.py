@@ -23,7 +23,7 @@ class QuotaStanding:
         kind: Property.
         value: Value.
         have: Number of tasks, or percentage of the variations for an axis.
-        least: Least amount in the same unit.
+        least: Minimum amount in the same unit.
         most: Largest amount, None for any.
         unit: "tasks", or "% of the variations".
         is_open: Whether it is not fulfilled.

@@ -109,7 +109,7 @@ class RobotSpec:
         control_rate_hz: Rate of actions [Hz].
         reach_m: Largest distance of the flange from the shoulder [m].
         jaw: Relation between finger joints, gripper servo and opening width.
-        action_spaces: Names of the action spaces that the controller executes, the usual one first.
+        action_spaces: Names of the action spaces that the controller executes, the default first.
         ik: Costs of the inverse kinematics.
         posture_offsets: Offsets from home from which inverse kinematics also starts, per joint [rad].
         wrist_camera: Camera on ``hand_body``.

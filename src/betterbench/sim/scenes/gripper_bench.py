@@ -61,7 +61,7 @@ class GripperBench:
             rest: Pose ``T_world_object`` at rest.
             grasp: The grasp.
             approach_m: Distance from the grasp, against the approach [m].
-            lowest_m: Least height of the tool center point at the grasp [m].
+            lowest_m: Minimum height of the tool center point at the grasp [m].
         """
         self._model, self._data, self._step = model, data, step
         target = rest @ grasp.pose

@@ -273,7 +273,7 @@ class World(ABC):
     Attributes:
         facts: Facts that need no simulator.
         control_rate_hz: Actions per second.
-        action_spaces: Supported action spaces, the usual one first.
+        action_spaces: Supported action spaces, the default first.
         observations: Supported observation presets: the preset to use, by requested name.
         dialect: World whose conventions are used with a policy server ("libero"); empty for our own scenes.
         drawn_by: Renderer of the images, for the manifest; empty if the workers render MuJoCo models.

@@ -22,7 +22,7 @@ class TrainingDistribution:
         first_kinds: Kinds of a demonstration's first object, most frequent first, with their counts.
         kind_targets: Trained targets by object kind, as target kind, relation and region.
         sequences: Kinds in the order in which they were handled, by training condition.
-        initial_items: Largest number of movable objects on the table at the start of a demonstration.
+        initial_items: Maximum number of movable objects on the table at the start of a demonstration.
     """
 
     word_slots: dict[str, tuple[str, ...]]
@@ -49,7 +49,7 @@ class TrainingDistribution:
 
     @property
     def longest(self) -> int:
-        """Largest number of subgoals in a demonstration."""
+        """Maximum number of subgoals in a demonstration."""
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:

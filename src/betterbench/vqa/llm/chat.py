@@ -88,8 +88,8 @@ class ChatEndpoint:
             url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
             model: Model name at that address.
             key_variable: Environment variable with the API key, if set.
-            timeout_s: Longest wait for the beginning of an answer and between its parts [s].
-            deadline_s: Longest wait for a whole answer [s], for servers that send it in many small parts.
+            timeout_s: Maximum wait for the beginning of an answer and between its parts [s].
+            deadline_s: Maximum wait for a whole answer [s], for servers that send it in many small parts.
             tries: Number of times that a request is sent after transient failures; at least ten if the server limits
                 its requests (HTTP 429).
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.

@@ -19,7 +19,7 @@ from betterbench.json_form import read_bounded
 MAX_BYTES = 64 << 20
 """Maximum size of a mesh file to draw, and of a file that it references [byte]."""
 MAX_FACES = 400_000
-"""Largest number of triangles that are drawn."""
+"""Maximum number of triangles that are drawn."""
 _POINTS = 400_000
 _GROUND = np.array([0.80, 0.76, 0.70])
 _GRAY = np.array([0.62, 0.62, 0.64])

@@ -52,7 +52,7 @@ class Filters:
     Attributes:
         license: "free" for licenses that allow commercial use and changes, "any" for all.
         source: Source name, empty for all.
-        max_faces: Largest number of triangles; assets with an unknown number do not pass.
+        max_faces: Maximum number of triangles; assets with an unknown number do not pass.
         max_size_m: Largest extent [m]; assets without a size do not pass.
         min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
     """
@@ -201,7 +201,7 @@ class Catalogue:
 
         Args:
             query: Description in plain words.
-            limit: Largest number of assets to return.
+            limit: Maximum number of assets to return.
             filters: Filters of the search; None for free licenses only.
             expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.

@@ -14,7 +14,7 @@ from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
 from betterbench.sim.assets.catalogue.terms import terms
 
 MOST = 100
-"""Largest number of assets for one description."""
+"""Maximum number of assets for one description."""
 _SEARCHED = 60
 _NEAR = 0.35
 """Minimum score, relative to the best one, of an asset with a different name for the same description."""

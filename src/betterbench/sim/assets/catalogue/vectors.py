@@ -178,7 +178,7 @@ class VectorIndex:
         Args:
             queries: Vectors (m, dimension) float32.
             allowed: Rows that pass a filter, (n,) bool; None for all.
-            limit: Largest number of rows to return.
+            limit: Maximum number of rows to return.
             among: Indices of the rows to search, ascending; None for all.
             exact: Compare every vector, for any number of rows.
         """

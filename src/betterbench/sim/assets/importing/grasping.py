@@ -28,7 +28,7 @@ _STEP_M = 0.002
 _YAWS = 12
 _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
-"""Least height of the contact of a pad, on objects that are taller than the second number [m]."""
+"""Minimum height of the contact of a pad, on objects that are taller than the second number [m]."""
 _STEEPEST = math.tan(math.radians(35.0))
 """Maximum inward slope of the sides [tangent]; the friction cone of the pads has 50 degrees, and cells are coarse."""
 
@@ -47,7 +47,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
     Args:
         solid: The object in its upright pose.
         center_of_mass: (3,) [m].
-        count: Largest number of grasps, which differ in place, direction or height.
+        count: Maximum number of grasps, which differ in place, direction or height.
     """
     centers = solid.centers(solid.cells)
     top = float(centers[:, 2].max()) + 0.5 * solid.pitch_m

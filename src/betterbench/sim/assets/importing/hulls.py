@@ -419,7 +419,7 @@ def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 _MOST_POINTS = 400_000
-"""Largest number of points on hulls; 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
+"""Maximum number of points on hulls; 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
 
 
 def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from importlib import resources
 from betterbench.sim.assets.names import words_of
 
 TALL_SHARE = 0.95
-"""Least height of a standing object of a tall kind as a share of its longest side."""
+"""Minimum height of a standing object of a tall kind as a share of its longest side."""
 FLAT_SHARE = 1.10
 """Largest height of a lying object of a flat kind as a multiple of its smaller horizontal side."""
 

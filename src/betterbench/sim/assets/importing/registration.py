@@ -44,7 +44,7 @@ def imported(
     size_m: float | None = None,
     mass_kg: float | None = None,
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
-    license: str = "unknown",  # noqa: A002 - the word of assets
+    license: str = "unknown",  # noqa: A002 - the term for assets
     source: str | None = None,
     author: str | None = None,
     any_license: bool = False,
