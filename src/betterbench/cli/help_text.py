@@ -53,7 +53,7 @@ def color_as_asked() -> None:
 
 @contextlib.contextmanager
 def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
-    """Shorten the usage line of the overview to VERB if the list of subcommands does not fit the terminal."""
+    """Shorten the usage line of the overview to COMMAND if the list of subcommands does not fit the terminal."""
     listed = "{" + ",".join(verbs) + "}"
 
     class Brief:
@@ -61,7 +61,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
             self._stream = stream
 
         def write(self, text: str) -> int:
-            return self._stream.write(text.replace(listed, "VERB"))
+            return self._stream.write(text.replace(listed, "COMMAND"))
 
         def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever a stream has
             return getattr(self._stream, name)

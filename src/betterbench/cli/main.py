@@ -75,7 +75,7 @@ class Verb:
         """Import the function of the subcommand and add the options common to all subcommands."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
-            problem = "This verb is part of betterbench-calibration, which is not installed"
+            problem = "This subcommand is part of betterbench-calibration, which is not installed"
             home = calibration_module(module.removeprefix(_CALIBRATION), problem)
         else:
             home = importlib.import_module(f"betterbench.cli.verbs.{module}")
@@ -268,7 +268,7 @@ def _show_overview(given: Sequence[str]) -> None:
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
             prog="better",
             description="Find out why a vision-language-action policy fails.\n\n"
-            f"better VERB --help explains a subcommand, better --version prints the version.{here}",
+            f"better COMMAND --help explains a command, better --version prints the version.{here}",
             args=list(given),
         )
 
