@@ -156,7 +156,7 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "## The JSON form",
         "",
         (
-            "Every template has a JSON form, for tools that write scenarios. The allowed types are semantic "
+            "Every template is also available as JSON, for tools that write scenarios. The allowed types are semantic "
             f"categories and not names of assets. This is {shown.title}:"
         ),
         "",

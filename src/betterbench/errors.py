@@ -1,4 +1,4 @@
-"""Errors for users, each with the problem and its remedy.
+"""User-facing errors, each of which states the problem and its remedy.
 
 Every deliberate error of betterbench derives from :class:`BetterError`. The command line prints its text as one line
 and exits with status 2; any other exception is a bug and keeps its traceback.
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
-"""Default maximum number of characters of external text in a message."""
+"""Default maximum length of external text in a message [characters]."""
 
 UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
@@ -55,7 +55,7 @@ def encodable(text: str) -> str:
 
 
 def line_start(stream: TextIO) -> str:
-    """Return the prefix of a message on a stream: on a terminal, the codes that erase the progress bar."""
+    """Return the prefix for a message on a stream: on a terminal, the codes that erase the progress bar."""
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
@@ -68,9 +68,9 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return the location in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
+    """Return the location in user code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
-    The result is the innermost place outside betterbench, the standard library and installed packages. The file is
+    The result is the innermost frame outside betterbench, the standard library and installed packages. The file is
     named without its folder, so the record of an error does not depend on the folder.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
@@ -85,7 +85,7 @@ def raised_at(problem: BaseException) -> str:
 
 
 def described(problem: BaseException) -> str:
-    """Return an exception from user code in one line: type, text and location."""
+    """Return a one-line description of an exception from user code: type, text and location."""
     place = raised_at(problem)
     said = problem.msg if isinstance(problem, SyntaxError) and place else problem
     text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
@@ -106,9 +106,10 @@ class UnknownNameError(BetterError):
     known: tuple[str, ...]
 
     def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
-        """Build the message with the closest known names first.
+        """Build the message, with the closest known names first.
 
-        Given another such error, copy it, because Gymnasium's vector environments call an error's type with the error.
+        Another such error is copied, because Gymnasium's vector environments re-create an error by calling its type
+        with it.
         """
         if isinstance(kind, UnknownNameError):
             same = kind
@@ -182,7 +183,7 @@ class InvalidInputError(BetterError):
 
 
 def require_between(where: str, value: float, least: float, most: float) -> None:
-    """Raise InvalidInputError for a field unless its number (which may be non-finite) is within two bounds."""
+    """Raise InvalidInputError for a field unless its number (which may be non-finite) is within bounds."""
     if not least <= value <= most:
         try:
             given = one_line(value, most=40)
@@ -209,7 +210,7 @@ class PolicyProcessError(PolicyError):
 
 
 class PolicyKilledError(PolicyError):
-    """A policy's process was killed from outside. Its trial is repeated."""
+    """The process of a policy was killed from outside. Its trial is repeated."""
 
 
 class ModelError(BetterError):
@@ -233,7 +234,7 @@ class RecordError(BetterError):
 
 
 class StorageError(BetterError):
-    """Files can no longer be written (the disk is full or write-protected); the run stops and can be resumed."""
+    """Files can no longer be written (the disk is full or read-only); the run stops and can be resumed."""
 
 
 class WorkerError(BetterError):
@@ -277,7 +278,7 @@ STORAGE_CURES: Mapping[int, str] = {
     errno.EROFS: "choose a writable folder",
     errno.EIO: "check the disk, then run the same command again",
 }
-"""Remedy for each disk error after which all further writes fail too, by errno."""
+"""Remedies for disk errors after which all further writes will fail too, by errno."""
 
 
 class PlanningError(BetterError):

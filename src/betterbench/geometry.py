@@ -3,8 +3,8 @@
 Project-wide conventions: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and the sign chosen so
 that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
 
-The functions work on plain Python floats. Predicates run once per control step, where a few float operations are
-several times faster than operations on tiny arrays, and they give the same bits live and offline.
+The functions work on plain Python floats. Predicates run once per control step, where scalar arithmetic is several
+times faster than operations on tiny arrays and gives the same bits live and offline.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
-"""Rotation of a tool that points straight down, as in the home pose: half a turn about x."""
+"""Rotation of a tool that points straight down, as in the home pose: a half turn about x."""
 
 
 def normalize(q: Sequence[float]) -> Quaternion:
@@ -33,7 +33,7 @@ def normalize(q: Sequence[float]) -> Quaternion:
 
 
 def unit_quaternion(q: Quaternion) -> Quaternion:
-    """Return a quaternion like :func:`normalize`, for plain floats only and faster."""
+    """Like :func:`normalize`, but faster and only for plain floats."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:
@@ -113,9 +113,9 @@ def to_axis_angle(q: Quaternion) -> Vector:
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
     """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
 
-    A tool that points straight down is rotated by pi: with ``w >= 0`` its rotation vector flips whenever a measurement
-    slightly exceeds pi. Here, the sign of the quaternion is chosen closer to the unit quaternion ``near``, so the angle
-    may exceed pi and is in [0, 2 pi).
+    A tool that points straight down is rotated by pi: with ``w >= 0``, its rotation vector would flip whenever a
+    measurement slightly exceeds pi. Here, the quaternion sign closer to the unit quaternion ``near`` is chosen, so the
+    angle lies in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)
@@ -154,7 +154,7 @@ def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
 
 
 def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
-    """Return the poses on the straight line from ``start`` (0) to ``goal`` (1), rotated evenly as by :func:`slerp`."""
+    """Return the poses on the straight line from ``start`` (0) to ``goal`` (1), with rotations as by :func:`slerp`."""
     (x, y, z), (gx, gy, gz) = start.position, goal.position
     dx, dy, dz = gx - x, gy - y, gz - z
     turned = _even_turn(start.quaternion, goal.quaternion)

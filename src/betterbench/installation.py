@@ -1,8 +1,8 @@
-"""Commands for this installation, to install extras and to start the command line.
+"""Shell commands that work in this installation, to install extras and to start the command line.
 
-Messages contain commands that work in this installation. A clone installs extras from its locks with ``make setup``. An
+Messages contain these commands. A clone installs extras from its locks with ``make setup``. An
 installation from a wheel uses the installer of its Python. The command ``better`` is on the path only in an activated
-environment; otherwise, messages name its script.
+environment; otherwise, messages give the path of its script.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ VERBS = (
     "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "vlm", "replay",
     "serve", "demo", "audit-paper",
 )  # fmt: skip
-"""The verbs of the command line, in the order of its overview."""
+"""The subcommands of the command line, in the order of its overview."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Extra:
     """An optional part of the package.
 
     Attributes:
-        use: Purpose, in a few words.
+        use: Short statement of its purpose.
         modules: The modules that show whether the extra is installed.
     """
 
@@ -70,7 +70,7 @@ EXTRAS = {
     "vlm": Extra("vision-language models in the process", ("torch", "transformers")),
     "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
 }
-"""The extras of the package by name, except that for developers."""
+"""The extras of the package by name, except the developer extra."""
 
 
 def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
@@ -118,7 +118,7 @@ def package_command(*requirements: str, python: str | None = None) -> str:
 
 
 def calibration_module(name: str, problem: str) -> ModuleType:
-    """Import a module of the distribution betterbench-calibration, which is not part of the wheel.
+    """Import a module of the separate distribution betterbench-calibration, which is not part of the wheel.
 
     Args:
         name: Its name below ``betterbench_calibration``.
@@ -171,9 +171,9 @@ def clone_folder() -> Path | None:
 
 
 def better_command() -> str:
-    """Return the words that start this installation's command line in a shell in the current folder.
+    """Return the words that start this installation's command line from the current folder.
 
-    The result is ``better`` if this installation is on the path, else the script, else the module.
+    The result is ``better`` if this installation is on the path, or else its script, or else the module.
     """
     script = _script()
     on_path = shutil.which("better")
@@ -190,7 +190,7 @@ _ADVISED = re.compile(
     r"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better "
     rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
 )
-"""The word ``better`` at the beginning of a command, but not in a sentence about a verb ("a run of better collect")."""
+"""The word ``better`` at the start of a command, but not in a sentence about one ("a run of better collect")."""
 
 
 def as_started_here(text: str) -> str:
@@ -260,7 +260,7 @@ _PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
 
 
 def _applies(marker: str) -> bool:
-    """Return whether this Python satisfies a marker's version bound; our extras have no other conditions."""
+    """Return whether this Python satisfies the version bound of a marker; our extras have no other markers."""
     bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
     own = (sys.version_info.major, sys.version_info.minor)
     return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -1,6 +1,6 @@
-"""JSON from files and untrusted sources, validated with a dataclass.
+"""Validation of JSON from files and untrusted sources with dataclasses.
 
-A dataclass for this has the decorator :data:`strict_form`; a ``TypeAdapter`` of it reads the text::
+Such a dataclass has the decorator :data:`strict_form`, and its ``TypeAdapter`` parses the text::
 
     @strict_form
     @dataclass(frozen=True, slots=True)
@@ -9,7 +9,7 @@ A dataclass for this has the decorator :data:`strict_form`; a ``TypeAdapter`` of
     _METRIC = TypeAdapter(Metric)
     metric = read_form(_METRIC, path.read_bytes(), where=str(path), cure="Restore the file")
 
-A sealed document has a seal, which :func:`open_seal` checks before a field is read.
+The seal of a sealed document is checked by :func:`open_seal` before any field is read.
 """
 
 from __future__ import annotations
@@ -37,21 +37,22 @@ logger = logging.getLogger(__name__)
 FormT = TypeVar("FormT")
 
 SEAL = "seal"
-"""Key of a document's seal: the SHA-256 of all other content. A seal reveals damage, but does not prove authorship."""
+"""Key of the seal in a document, the SHA-256 of all other content. A seal reveals damage but does not prove
+authorship."""
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
-"""Class decorator that rejects unknown keys, non-finite numbers and values of another type, including 1 for true."""
+"""Class decorator that rejects unknown keys, non-finite numbers and values of the wrong type, such as 1 for true."""
 
 open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
-"""The same, but ignoring unknown keys, for parts of a file that another version may have written."""
+"""The same, but ignores unknown keys, for parts of a file that another version may have written."""
 
 
 growing_form = with_config(ConfigDict(strict=True, allow_inf_nan=False, extra="allow"))
-"""The same for a ``TypedDict``, keeping unknown keys, for a part of a file that is read and written again."""
+"""The same for a ``TypedDict``, but keeps unknown keys, for a part of a file that is read and written back."""
 
 
 def json_schema_of(adapter: TypeAdapter[Any], *, title: str) -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a form, with the names of its parts without a leading underscore."""
+    """Return the JSON schema (draft 2020-12) of a dataclass, without leading underscores in the names of its parts."""
     text = json.dumps(adapter.json_schema())
     names = {name: name.lstrip("_") for name in json.loads(text).get("$defs", {})}
     for name, plain in names.items():
@@ -67,7 +68,7 @@ def _no_truth(value: object) -> object:
 
 
 NO_TRUTH = BeforeValidator(_no_truth)
-"""Validator for fields with numbers in a Literal: there, pydantic accepts false as 0 and true as 1."""
+"""Validator for Literal fields with numbers, for which pydantic would accept false as 0 and true as 1."""
 
 
 def read_form(
@@ -79,7 +80,7 @@ def read_form(
     raises: type[BetterError] = InvalidInputError,
     sealed: bool = False,
 ) -> FormT:
-    """Return the value of a JSON form.
+    """Return the value parsed and validated from JSON text.
 
     Args:
         adapter: Type adapter of the form.
@@ -117,7 +118,7 @@ def seal_of(form: Mapping[str, Any]) -> str:
 
 
 def content_digest(name: str, data: bytes) -> str:
-    """Return the SHA-256 of a name and its content: content stored under another name has another digest."""
+    """Return the SHA-256 over a name and its content, so the same content under another name has a different digest."""
     return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
 
 
@@ -134,7 +135,7 @@ def open_seal(
     raises: type[BetterError] = InvalidInputError,
     since: tuple[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return the JSON object of a document without its seal, after checking the seal.
+    """Check the seal of a document, and return its JSON object without the seal.
 
     Args:
         raw: The document.
@@ -195,9 +196,10 @@ _SAID: set[str] = set()
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Return a dictionary from pairs; raise InvalidInputError for a duplicate key, which readers interpret differently.
+    """Return a dictionary from pairs.
 
-    For ``object_pairs_hook`` of ``json.loads`` and similar functions.
+    Raises InvalidInputError for duplicate keys, which JSON readers treat differently. For ``object_pairs_hook`` of
+    ``json.loads`` and similar functions.
     """
     found = dict(pairs)
     if len(found) < len(pairs):
@@ -208,7 +210,7 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
 
 _HUGE_DIGITS = 20
 _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
-"""Pattern of a number that may not fit into 64 bits. No value here is that large, and arithmetic with such numbers
+"""Pattern of a number that may exceed 64 bits. No legitimate value is that large, and arithmetic with such numbers
 fails in unexpected places."""
 
 
@@ -221,14 +223,14 @@ def _whole_number(digits: str) -> int:
 
 @contextmanager
 def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputError) -> Iterator[None]:
-    """Turn exceptions from reading a form into one line with the file, the field and the remedy.
+    """Turn exceptions during JSON validation into a one-line error with the file, the field and the remedy.
 
     Raises:
         BetterError: Instead of the exceptions of pydantic, ``json`` or the dataclass itself.
     """
     try:
         yield
-    except Exception as error:  # an untrusted form can cause any exception in the code that reads it
+    except Exception as error:  # untrusted content can cause any exception in the code that reads it
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
@@ -272,7 +274,7 @@ def _refuse(constant: str) -> None:
 
 
 _DEEPEST = 200
-"""Maximum nesting of lists and maps, the same as in pydantic."""
+"""Maximum nesting depth of lists and maps, as in pydantic."""
 
 
 def _is_deep(value: Any) -> bool:  # noqa: ANN401 - as above
@@ -306,9 +308,9 @@ class NotOrdinaryError(OSError):
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open an external file for reading; used for every file that this process did not just write.
+    """Open an external file, one that this process did not just write, for reading.
 
-    Opening does not wait for a pipe or a device.
+    Opening does not block on a pipe or a device.
 
     Raises:
         NotOrdinaryError: If it is a folder, pipe, socket or device.
@@ -335,7 +337,7 @@ def read_ordinary(path: Path) -> bytes:
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return a file's content with a size limit. It does not wait for a pipe or a device.
+    """Return the content of a file up to a size limit, without blocking on a pipe or a device.
 
     Raises:
         BetterError: Of the class ``raises``, if it is missing, not an ordinary file, too large or unreadable.
@@ -357,13 +359,13 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 
 
 _MOST_OF_A_FIELD = 200
-"""Maximum characters of a field's name in a message; the keys of a map are untrusted."""
+"""Maximum length of a field name in a message, because the keys of a map are untrusted."""
 _MOST_OF_A_PROBLEM = 600
-"""Maximum characters of a problem's description in a message, which may show the value of the field."""
+"""Maximum length of a problem's description in a message, because it may contain the field's value."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the field of the first problem ("trials[3].label", empty for the complete object), and the problem."""
+    """Return the first validation problem with its field ("trials[3].label", empty for the whole object)."""
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     field = one_line(field, most=_MOST_OF_A_FIELD)
@@ -404,6 +406,6 @@ def dump_json(form: object) -> bytes:
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, as stored in journals; the file is read in pieces."""
+    """Return the SHA-256 of a file, as stored in journals; the file is read in blocks."""
     with open_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

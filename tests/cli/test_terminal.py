@@ -213,7 +213,7 @@ def test_the_overview_fits_80_columns(capsys, monkeypatch):
     with pytest.raises(SystemExit):
         main(["--help"])
     out = capsys.readouterr().out
-    assert out.startswith("usage: better [-h] VERB\n")
+    assert out.startswith("usage: better [-h] COMMAND\n")
     assert max(map(len, out.splitlines())) <= 80
 
 

@@ -1,4 +1,4 @@
-"""Functions of the root package, equivalent to the verbs of ``better``, for Python programs.
+"""Python API of the root package, with functions equivalent to the subcommands of ``better``.
 
 - ``runs``: evaluate a policy, open, diagnose and compare runs.
 - ``report``: the report of runs, with films rendered from their records.

@@ -1,4 +1,4 @@
-"""Argument names for errors that name options of the command line."""
+"""Translation of command-line options into argument names in error messages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,12 +6,12 @@ from contextlib import contextmanager
 from betterbench.errors import InvalidInputError
 
 _OTHER_NAMES = {"name": "names", "policy_timeout": "policy_timeout_s"}
-"""Arguments whose names differ from their option: lists in the plural, quantities with their unit."""
+"""Arguments named differently from their option: lists are plural, and quantities include their unit."""
 
 
 @contextmanager
 def options_as_arguments() -> Iterator[None]:
-    """Replace an option of the command line in an error ("--until-decided") by the argument."""
+    """Replace a command-line option in an error message ("--until-decided") with the Python argument."""
     try:
         yield
     except InvalidInputError as error:

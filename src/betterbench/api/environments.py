@@ -46,7 +46,7 @@ def make_env(
 
 
 def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
-    """Load your own Python files with tasks, assets, relations, failure modes or learners, like ``--task-file``.
+    """Load Python files that define tasks, assets, relations, failure modes or learners, like ``--task-file``.
 
     Each file is loaded once, also in worker processes. If Gymnasium is imported, the tasks are registered with
     Gymnasium.
@@ -62,7 +62,7 @@ def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
 
 
 def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
-    """Load folders that ``better assets import`` has written, like ``--asset-dir``.
+    """Load asset folders written by ``better assets import``, like ``--asset-dir``.
 
     Each folder is loaded once, also in worker processes. Tasks can then use the assets by name.
 

@@ -8,7 +8,7 @@ from betterbench.tasks import environment_id, task_names
 def register_environments() -> None:
     """Register all unregistered tasks with Gymnasium ("BeTTER/FastFood-v0").
 
-    Importing betterbench does this if Gymnasium was imported before, as in
+    Importing betterbench does this automatically if Gymnasium was imported first, as in
     ``gymnasium.make("betterbench:BeTTER/FastFood-v0")``. Call this function if betterbench is imported first.
     """
     for task in task_names():

@@ -41,7 +41,7 @@ FILMS = 40
 """Default maximum number of trials shown as films."""
 
 SOLVED_FILMS = 2
-"""Maximum number of solved trials per run shown as films, because they look alike."""
+"""Maximum number of successful trials per run shown as films. They look alike, so a few suffice."""
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def _no_bar(_what: str) -> Iterator[OnCount]:
 
 @dataclass(frozen=True, slots=True)
 class ReportListener:
-    """Receiver of messages while a report is built.
+    """Callbacks for messages and progress while a report is built.
 
     Attributes:
         say: Function that takes a one-line message.
@@ -83,8 +83,8 @@ def build_report(
 ) -> BuiltReport:
     """Diagnose runs, render the moments of their failures, and return the page with the verdicts.
 
-    ``films`` is the maximum number of trials shown as films, over all runs; 0 renders nothing. ``twins`` are the runs
-    of the base suite, one for each run in LIBERO-PRO, or empty.
+    ``films`` is the maximum number of trials shown as films, over all runs; 0 renders nothing. ``twins`` contains one
+    base-suite run for each LIBERO-PRO run, or is empty.
     """
     if twins and len(twins) != len(runs):
         problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
@@ -187,7 +187,7 @@ def report_into(
 
 
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
-    """Return the trials to film, the most informative first: failures, and a few solved ones for comparison."""
+    """Return the trials to film, most informative first: failures, and a few successes for comparison."""
     solved = {t.key for t in diagnosis.trials if t.success}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
     failed = [s for s in showings if s.trial not in solved]
@@ -212,7 +212,7 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
         if varied or not recorded:
             say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
         else:
-            say(f"No films: they show trials of variations, and these {plural(recorded, 'record')} are of training.")
+            say(f"No films: only variation trials are filmed, and these {plural(recorded, 'record')} are of training.")
         return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(

@@ -48,8 +48,9 @@ def evaluate(
 ) -> RunFolder:
     """Evaluate a policy, like ``better eval``, and return the run. The same call resumes an unfinished run.
 
-    Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions together get as many
-    trials, including the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better eval``.
+    Every variation runs with the seeds ``seed … seed + trials - 1``. The training conditions together run the same
+    number of trials, which include the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better
+    eval``.
 
     Args:
         policy: Policy address ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
@@ -81,7 +82,7 @@ def evaluate(
     given = None if isinstance(policy, str) else GivenPolicy(policy)
     if given is not None and workers != 1:
         cure = "Give one worker, or the address of its class: python:FILE.py:CLASS"
-        raise InvalidInputError("workers", "an instance answers in this process only", cure)
+        raise InvalidInputError("workers", "a policy instance can only be used in this process", cure)
     with options_as_arguments():
         plan = make_plan(
             policy if isinstance(policy, str) else policy.info.name,
@@ -126,7 +127,7 @@ def diagnose(
     allow_mixed: bool = False,
     on_progress: OnCount | None = None,
 ) -> RunDiagnosis:
-    """Diagnose every trial of a run from its records only, without writing anything.
+    """Diagnose every trial of a run from its records, without writing any files.
 
     Args:
         run: The run, or its folder. An unfinished run can be diagnosed too.

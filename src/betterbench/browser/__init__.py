@@ -1,4 +1,4 @@
-"""Pages in the browser that viser serves on this machine, protected by a token in their address.
+"""Browser pages served by viser on this machine, protected by a token in their address.
 
 - ``server``: the server, its address, its elements and its end.
 - ``gate``, ``incoming``: access control, and a filter for incoming messages.

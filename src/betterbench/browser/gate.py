@@ -1,7 +1,7 @@
-"""Access control for the page: the gate rejects requests that lack the address token or come from another site.
+"""Access control for the page: requests that lack the address token or come from another site are rejected.
 
 The token is the first part of the path. The page's own connection uses the same address and therefore also contains the
-token. A cookie, which a server on another port could read, is not needed.
+token. No cookie is used, because a server on another port could read it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _UNREADABLE = "This request cannot be read.\n"
 def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
     """Return the inner server's answer, or a rejection if the inner server raises an error.
 
-    Otherwise, a duplicated header or a path with invalid bytes would cause a traceback of the server.
+    Otherwise, a duplicate header or a path with invalid bytes would print a traceback.
     """
     try:
         return None if inner is None else inner(connection, request)
@@ -48,11 +48,11 @@ class Gate:
 
     Attributes:
         token: Token at the beginning of every request path.
-        is_closed: Whether a server is protected by the gate. A server without it must not be used.
+        is_closed: Whether a server is protected by the gate; a server without it must not be used.
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
-        """Draw a random token for the server of a CLI verb, with its interface and its accepted messages."""
+        """Draw a random token for the server of a CLI subcommand, with its interface and its accepted messages."""
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
         self._refused = _REFUSED.format(verb=verb)
         self._incoming = incoming
@@ -74,7 +74,7 @@ class Gate:
 
     @contextmanager
     def before_servers(self) -> Iterator[None]:
-        """Protect every websocket server started inside the context, because viser has no hook for a gate."""
+        """Protect every websocket server started inside the context, because viser offers no hook for a gate."""
         module = importlib.import_module("websockets.asyncio.server")
         serve = module.serve
 

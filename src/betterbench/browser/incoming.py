@@ -1,7 +1,7 @@
 """Filter for incoming messages: only the page's message types reach viser.
 
-viser sets any property of any element from a message, and calls any function that a message names. A wrong value would
-end the session or lock out later pages, and one message would publish the page on the internet. Each message is
+viser sets any property of any element from a message, and calls any function that a message names. A wrong value could
+end the session or lock out later pages, and one kind of message would publish the page on the internet. Each message is
 therefore validated with the schema of the page's messages. viser itself checks the rest.
 """
 

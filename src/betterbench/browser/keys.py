@@ -1,4 +1,4 @@
-"""Pressed keys and gamepads of a page: the script that sends them, and the message format."""
+"""Keys and gamepads of a page: the script that sends their state, and the message format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _Key = Annotated[str, Field(max_length=20)]
 
 
 class PageKeys(BaseModel, extra="forbid", allow_inf_nan=False):
-    """Message from the page: keys held, number of taps per key since the page was opened, and axes in [-1, 1]."""
+    """Message from the page: held keys, number of taps per key since the page was opened, and axes in [-1, 1]."""
 
     held: Annotated[list[_Key], Field(max_length=20)] = []
     taps: dict[_Key, Annotated[int, Field(ge=0)]] = {}
@@ -55,9 +55,9 @@ def new_taps(sent: PageKeys, known: dict[str, int], names: Sequence[str]) -> lis
 def script_element(
     *, taps: Mapping[str, str], held: Sequence[str] = (), gamepad: Mapping[int, str] | None = None
 ) -> str:
-    """Return an element that runs the script of the page as soon as it is shown.
+    """Return an element that runs the page's script as soon as it is shown.
 
-    viser does not support scripts, and scripts in its HTML elements are not run, but an image's error handler is.
+    viser does not support scripts, and scripts in its HTML elements do not run, but an image's error handler does.
 
     Args:
         taps: Action name for each key that triggers a single action, by key code.

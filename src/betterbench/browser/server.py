@@ -1,4 +1,4 @@
-"""A viser server that accepts only the page at its printed address."""
+"""Viser server that accepts only the page at its printed address."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.installation import missing_extra
 
 STOP_S = 0.5
-"""Longest wait for pages to close when the server stops [s]."""
+"""Maximum time to wait for pages to close when the server stops [s]."""
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
@@ -29,7 +29,10 @@ def load_viser() -> Any:  # noqa: ANN401 - a module
 
 
 def free_port(host: str, port: int) -> int:
-    """Return a port to listen on: the given one, or any for 0; raise InvalidInputError if it is not available."""
+    """Return a port to listen on: the given one, or any free port for 0.
+
+    Raise InvalidInputError if it is not available.
+    """
     if not 0 <= port <= 65535:
         raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 chooses a free port")
     try:
@@ -97,7 +100,7 @@ class PageServer:
         return self._host in ("127.0.0.1", "localhost", "::1")
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
-        """Accept values of an element; viser sends its number only to the page."""
+        """Accept values of an element, whose number viser sends only to the page."""
         self._incoming.expect(element._impl.uuid, kind)
 
     def close(self) -> None:

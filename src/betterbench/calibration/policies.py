@@ -13,12 +13,12 @@ STRENGTHS = (1.0, 0.6, 0.3)
 """Shares of the trials in which a rule applies, because policies do not always follow a habit."""
 
 ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
-"""Noise on the translation of each control step that goes with a strength [m]: none, 2 cm/s and 4 cm/s."""
+"""Translation noise per control step for each strength [m]: none, 2 cm/s and 4 cm/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """One policy in a calibration, with its number of trials and its seed."""
+    """Policy in a calibration, with its number of trials and its seed."""
 
     address: Address
     trials: int

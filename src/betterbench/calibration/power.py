@@ -27,7 +27,7 @@ from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, get_task, suite_tasks
 
 RULE_TRIALS = 6
-"""Trials of a faulty rule per variation. Few suffice, because its decisions hardly depend on the seed."""
+"""Number of trials per faulty rule and variation; a few suffice, because decisions hardly depend on the seed."""
 GUESS_TRIALS = 14
 """Minimum number of trials without language.
 
@@ -35,7 +35,7 @@ A guess with a one-in-three chance is then right in more than half of the trials
 17 %).
 """
 STILL_TRIALS = 2
-"""Trials of the policy that never moves, which are all alike."""
+"""Number of trials of the policy that never moves, because they are all alike."""
 MOST_CHANCE = 0.9
 """Largest chance level for which the number of trials is computed; if only one instruction is possible, guessing it
 always succeeds.
@@ -65,7 +65,7 @@ class PowerTrials:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Outcome of one trial in its cell of the power matrix."""
+    """Outcome of one trial, with its cell of the power matrix."""
 
     success: bool
     right: bool

@@ -54,7 +54,7 @@ def run_plans(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> tuple[RunFolder, ...]:
-    """Run plans, each in a named folder below ``out``. The same call resumes.
+    """Run plans, each in a named folder below ``out``; the same call resumes them.
 
     Raises:
         RunConflictError: If a folder contains another run.

@@ -1,4 +1,4 @@
-"""Certificate as a value: clauses and margins per trial, their summary, and the JSON form."""
+"""Certificate data: clauses and margins per trial, their summary, and JSON serialization."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CLAUSES: Mapping[str, str] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Finding on one clause: whether the clause is fulfilled, and a reason or remark (may be empty)."""
+    """Result of one clause: whether it is fulfilled, with a reason or remark (may be empty)."""
 
     passed: bool
     text: str = ""
@@ -38,7 +38,7 @@ class Clause:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialCertificate:
-    """Findings from the examination of one trial.
+    """Results of examining one trial.
 
     Attributes:
         condition: Name of the variation or of the training condition.
@@ -51,7 +51,7 @@ class TrialCertificate:
             [rad]; None if none was planned.
         support_slack_mm: Smallest distance from a pick or a target to the border of its jitter region [mm]; None if the
             expert touched nothing.
-        watched: Whether touching nothing is the correct behavior; every episode then lasts until the step limit.
+        watched: Whether the correct behavior is to touch nothing; every episode then runs until the step limit.
         primitives: Primitives of the expert's episode, one phrase each.
         expert_s: Wall time of the expert's episode [s].
         total_s: Wall time of the complete examination [s].
@@ -102,7 +102,7 @@ class CertificateVersions:
 
     The suite version determines the random streams.
 
-    ``looks`` is the set of looks of objects and rooms in the examined trials, ``robot`` the name of the robot.
+    ``looks`` names the appearance set of objects and rooms in the examined trials; ``robot`` names the robot.
     """
 
     package: str
@@ -114,7 +114,7 @@ class CertificateVersions:
 
     @property
     def words(self) -> str:
-        """Text that lists all versions, for messages."""
+        """All versions as text, for messages."""
         tasks = "".join(f", {name} {number}" for name, number in self.tasks.items())
         versions = f"betterbench {self.package}, suite {self.suite}, MuJoCo {self.engine}{tasks}"
         return f"{versions}, {self.looks} looks, robot {self.robot}"
@@ -165,12 +165,12 @@ class Certificate:
         return form
 
     def sealed_json(self) -> dict[str, Any]:
-        """Return its file's content: the JSON form with the file version and a checksum."""
+        """Return the content of the certificate file: JSON with the file version and a checksum."""
         return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
-        """Read the JSON form. Raises InvalidInputError if it is not a certificate of this schema version."""
+        """Read a certificate from JSON. Raises InvalidInputError if it is not a certificate of this schema version."""
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
             raise InvalidInputError(where, "it is not a certificate", "Give a certificate.json of better certify")
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
@@ -183,7 +183,7 @@ _CERTIFICATE = TypeAdapter(Certificate)
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The trials of one condition, and the smallest margins.
+    """Summary of one condition: numbers of trials, and the smallest margins.
 
     Attributes:
         n: Number of trials.
@@ -191,7 +191,7 @@ class Summary:
         clauses: Number of trials in which each clause is fulfilled.
         steps_share: Largest fraction of the step limit that the expert used, among solved trials; None if it solved
             none, or if episodes always last until the limit.
-        notes: Remarks on clauses without repetitions, each with an example seed.
+        notes: Distinct remarks on clauses, each with an example seed.
     """
 
     task: str

@@ -1,4 +1,4 @@
-"""Coverage: the trials that a certificate covers, stored in a file small enough to ship with the suite."""
+"""Coverage of a certificate: the certified trials, in a file small enough to ship with the suite."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SOLVED_SHARE = 0.95
 The few unsolved trials are attributed to the expert and are listed. Clauses (b) to (e) must hold on every single trial.
 """
 MOST_SEEDS = 1_000_000
-"""Largest seed of a range in a file; a larger range in a malicious file could exhaust the memory."""
+"""Largest seed allowed in a range; a malicious file with a larger range could exhaust memory."""
 MAX_BYTES = 256 << 20
 """Largest certificate that is read [byte]."""
 
@@ -34,7 +34,7 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
 
 class Gap(NamedTuple):
-    """First trial that a certificate does not cover, with the reason.
+    """First trial not covered by a certificate, with the reason.
 
     ``refused`` is true if the trial was examined under the current versions and failed; a new examination would fail
     too.
@@ -97,7 +97,7 @@ class Coverage:
         return cls(certificate.versions, conditions)
 
     def only(self, current: CertificateVersions) -> Coverage:
-        """Return the coverage of some tasks alone.
+        """Return the coverage restricted to some tasks.
 
         Args:
             current: Versions in use, of these tasks.
@@ -115,7 +115,7 @@ class Coverage:
         return Coverage(current, kept)
 
     def joined(self, other: Coverage, tasks: Sequence[str]) -> Coverage:
-        """Return the coverage of this and of another certificate of other tasks, in the order of ``tasks``."""
+        """Return this coverage merged with that of a certificate for other tasks, in the order of ``tasks``."""
         numbers = {**self.versions.tasks, **other.versions.tasks}
         conditions = sorted(
             {**self.conditions, **other.conditions}.items(), key=lambda c: tasks.index(c[0].split("/")[0])
@@ -185,12 +185,12 @@ _COVERAGE = TypeAdapter(Coverage)
 
 
 def _minor(version: str) -> str:
-    """Return major and minor version, because contacts, and therefore scores, change between minor versions."""
+    """Return the major and minor version; contacts, and therefore scores, change between minor versions."""
     return ".".join(version.split(".")[:2])
 
 
 def parse_ranges(text: str) -> frozenset[int]:
-    """Return the seeds of a text with ranges. Raises InvalidInputError if it is malformed."""
+    """Parse ranges of seeds ("0-19,23"). Raises InvalidInputError if it is malformed."""
     found: set[int] = set()
     for part in text.split(",") if text else ():
         low, _, high = part.partition("-")
@@ -208,7 +208,7 @@ def packaged_coverage() -> Coverage:
 
 
 def coverage_of(tasks: Iterable[str]) -> Coverage:
-    """Return the certificate that comes with tasks: that in the folder of their suite, or the packaged one.
+    """Return the certificate of some tasks, from the folder of their suite or from the package.
 
     Raises:
         InvalidInputError: If the certificate of the folder is unreadable.

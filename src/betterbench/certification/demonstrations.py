@@ -25,7 +25,7 @@ MOST_POSES = 12
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """One placement from a demonstration, in the file's units; see ``Releases`` and ``FinalPoses``."""
+    """One placement in a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -43,7 +43,7 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Demonstration of the expert: its placements, and the reason for a failure (empty if solved)."""
+    """Expert demonstration: its placements, and the reason if it failed (empty if solved)."""
 
     task: str
     condition: str
@@ -58,10 +58,9 @@ class Demonstration:
 
 
 def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
-    """Return a task's demonstrations to measure, cycling through its training conditions.
+    """Return the demonstrations to measure for a task, cycling through its training conditions.
 
-    Returns: First the demonstrations without pre-placed objects, then the demonstrations that begin in their final
-        states.
+    Returns: Demonstrations without pre-placed objects first, then those that start in the final states of the former.
     """
     conditions = [task.training[i % len(task.training)] for i in range(number)]
     trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
@@ -115,7 +114,7 @@ def _noted(put: Put) -> DemonstratedPut:
 
 
 def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
-    """Return the measurements from a task's demonstrations; unsolved demonstrations are ignored."""
+    """Aggregate the measurements from a task's demonstrations; unsolved demonstrations are ignored."""
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}

@@ -41,12 +41,12 @@ REST_STEPS = 4
 DRIFT_M = 0.001
 """Largest motion of an untouched object in that time [m]."""
 PENETRATION_M = 0.0015
-"""Largest overlap that counts as a contact of the soft-constraint solver [m]; assets at rest have < 0.5 mm."""
+"""Largest overlap treated as normal contact of the soft-constraint solver [m]; resting assets overlap by < 0.5 mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class InitialRest:
-    """Finding on clause (c), with the largest overlap and the largest drift of the initial state [mm]."""
+    """Result of clause (c), with the largest overlap and drift in the initial state [mm]."""
 
     clause: Clause
     penetration_mm: float
@@ -55,7 +55,7 @@ class InitialRest:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Finding on clause (a), with a finding on every primitive of the expert's episode."""
+    """Result of clause (a), and a result for every primitive in the expert's episode."""
 
     clause: Clause
     steps: int
@@ -64,7 +64,7 @@ class _Episode:
 
 
 def examine(trial: TrialId, *, looks: Looks = "seen", robot: str = USUAL_ROBOT) -> TrialCertificate:
-    """Return the findings on one trial, including failures. Raises UnknownNameError for an unknown trial."""
+    """Examine one trial and return the results, including failures. Raises UnknownNameError for an unknown trial."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -83,7 +83,7 @@ def examine_condition(
     looks: Looks = "seen",
     robot: str = USUAL_ROBOT,
 ) -> TrialCertificate:
-    """Return the findings on one seed of a condition, registered or not."""
+    """Examine one seed of a condition, which need not be registered."""
     began = time.perf_counter()
     scene = Scene(
         task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks, robot_name=robot
@@ -169,7 +169,7 @@ def _premise(condition: Condition, state: WorldState) -> Clause:
 
 
 def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return the objects that an instruction can refer to and that are not yet at their goal."""
+    """Return the objects named by the instruction that are not yet at their goal."""
     names: dict[str, None] = {}
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):
@@ -179,13 +179,13 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
 
 
 def _shut_targets(condition: Condition) -> tuple[str, ...]:
-    """Return the drawers that are closed at the start although an object must be put inside."""
+    """Return the drawers that must receive an object but are closed at the start."""
     targets = dict.fromkeys(g.target for g in condition.instruction.subgoals)
     return tuple(t for t in targets if condition.object(t).role == "drawer" and not condition.opened.get(t))
 
 
 def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp of each instructed object that is not at its goal yet.
+    """Plan a grasp for each instructed object that is not yet at its goal.
 
     Returns:
         Per object, the reason why no grasp was found, or None; and the smallest distance between an arm joint and its
@@ -216,7 +216,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return clause (d): fulfilled by a plan from the start, or by the expert's success."""
+    """Return the result of clause (d), which a plan from the initial state or the expert's success fulfills."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}
@@ -291,6 +291,6 @@ def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth:
 def _inside_support(episode: _Episode, support: Support) -> Clause:
     problems = [f.problem for f in episode.found if f.problem is not None]
     if support is Support.NOVEL:
-        text = "; ".join(problems) or "every pose of the expert is inside nevertheless"
+        text = "; ".join(problems) or "nevertheless, every pose of the expert is inside"
         return Clause(passed=True, text=f"declared novel: {text}")
     return Clause(not problems, "; ".join(problems))

@@ -1,8 +1,8 @@
-"""Handling: the picks, puts and slides in an episode, derived from its states rather than from the policy's report.
+"""Handling: the picks, puts and slides in an episode, derived from its states and not reported by the policy.
 
-A **pick** has the last pose of the object at rest before the gripper touched it. A **put** has the release point and
-the resulting relation of the object to a target. A **slide** is a motion of a drawer along its rails. A **pre-placed**
-object has its pose at its target at the start.
+A **pick** stores the last pose of the object at rest before the gripper touched it. A **put** stores the release point
+and the resulting relation between the object and a target. A **slide** is a motion of a drawer along its rails. A
+**pre-placed** object is at its target from the start, and its pose there is stored.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.tasks.relations.placing import foot
 SLIDE_M = GAP
 """Minimum distance at which a drawer counts as moved [m]."""
 LONGEST_CHAIN = 8
-"""Maximum number of steps from a target down to a slot: a stack of four on an object in a mounted drawer has six."""
+"""Maximum number of supports between a target and a slot: a stack of four on an object in a mounted drawer has six."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Tracker of an episode's primitives; needs every state since reset, in order."""
+    """Tracker of the primitives in an episode; it must see every state since reset, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
         self._condition = condition
@@ -164,7 +164,7 @@ class Handling:
             self._settle(state)
 
     def finish(self) -> tuple[Primitive, ...]:
-        """Return all primitives of the episode in order of their start; slides come last."""
+        """Return all primitives in the episode by start time, with slides last."""
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())
@@ -193,7 +193,7 @@ class Handling:
     def _put(
         self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
     ) -> Put:
-        """Return the put of an object, with its target or, if it was lost on the way, without."""
+        """Return the put of an object, without a target if the object was lost in transit."""
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state
@@ -225,7 +225,7 @@ def _middle_of(state: WorldState, target: str, relation: str | None, region: str
 
 
 def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
-    """Return the objects that rest at a target at the start, in an order that does not depend on their names."""
+    """Return the objects that rest at a target at the start, in an order independent of their names."""
     found = []
     for name, place in condition.preplaced.items():
         pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)

@@ -1,4 +1,4 @@
-"""Journals of certifications: a header with versions, and one synced line per trial, for resuming.
+"""Certification journals for resuming: a header with versions, and one line per trial, synced to disk.
 
 The lines of a version 2 journal are linked, starting with the header; version 1 journals are read with a warning.
 """
@@ -30,7 +30,7 @@ CURE = "Restore the file from a copy, or work in a new folder"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
-    """First line of a journal: its kind, and the versions at its start."""
+    """First line of a journal: its kind, and the versions when it was created."""
 
     form: str
     package_version: str = ""
@@ -40,7 +40,7 @@ class JournalHeader:
     robot: str = USUAL_ROBOT
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict, without the usual robot, as in journals of earlier versions."""
+        """Return a JSON-serializable dict; the default robot is omitted, as in journals of earlier versions."""
         form = asdict(self)
         if self.robot == USUAL_ROBOT:
             del form["robot"]
@@ -69,7 +69,7 @@ def holds_journal(folder: Path) -> bool:
 
 
 class VersionedJournal(LineJournal):
-    """Journal that can only be resumed under the same versions, by one process at a time.
+    """Journal that can be resumed only with the same versions, and by one process at a time.
 
     Raises:
         RunConflictError: If another process writes to the folder, or the journal was started under other versions.
@@ -101,7 +101,7 @@ class VersionedJournal(LineJournal):
             self._link = link or self._link
 
     def _take_in_line(self, form: dict[str, Any], where: str) -> None:
-        """Read a line after the first; ``where`` is for error messages."""
+        """Read a line after the header; ``where`` is the location for error messages."""
         raise NotImplementedError
 
     def _check_header(self, line: bytes) -> None:
@@ -126,7 +126,7 @@ def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[st
 
 
 class CertificationJournal(VersionedJournal):
-    """The certification journal; trials that were examined for another task version are examined again.
+    """Certification journal; trials examined with another task version are examined again.
 
     Raises as :class:`VersionedJournal` does.
     """

@@ -36,7 +36,7 @@ _LINE = TypeAdapter(_Line)
 
 
 class DemonstrationJournal(VersionedJournal):
-    """The journal of a measurement, open for appending by one process at a time.
+    """Journal of a measurement, open for appending by one process at a time.
 
     Demonstrations of another task version are measured again. Raises as :class:`VersionedJournal` does.
     """
@@ -67,7 +67,7 @@ def measure(
     robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[Demonstration]], None] | None = None,
 ) -> dict[str, Demonstrated]:
-    """Measure the demonstrations of some tasks that are not yet in a folder's journal.
+    """Measure the demonstrations of some tasks, except those already in the folder's journal.
 
     Args:
         tasks: Names of the tasks.
@@ -118,7 +118,7 @@ def _demonstrate(so_far: Mapping[str, Demonstrated], robot: str, trial: TrialId)
 
 
 def destination(task: str) -> Path | None:
-    """Return a path next to the file that defines a task, or None for a suite task, because its file is packaged."""
+    """Return the output path next to the file that defines a task, or None for a packaged suite task."""
     own = companion_of(task)
     return None if own is None else own.path
 
@@ -131,7 +131,7 @@ def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
     written = []
     for path, tasks in files.items():
         if path is not None:
-            with OutputFile(path, "certify", is_ours=lambda _: True):  # a file of another kind could not have been read
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # other kinds of files would have failed to load
                 write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue

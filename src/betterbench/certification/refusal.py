@@ -1,4 +1,4 @@
-"""Check that a certificate covers a run's trials; the error message says how to fix the problem."""
+"""Check that a certificate covers the trials of a run, with an error that gives the remedy."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _NAMED = 5
 
 
 def require_certified(plan: Plan, certificate: Path | None = None) -> str:
-    """Check that a certificate covers every trial of a plan, and return a sentence on its limits.
+    """Check that a certificate covers every trial of a plan, and return a sentence about its limits.
 
-    Without a path, the certificate of the suite is used: the packaged one, or that in the suite's folder. If it covers
+    Without a path, the suite's certificate is used, from the package or from the folder of the suite. If it covers
     only the seen looks, trials with unseen looks are allowed, and the sentence states that they are not certified. The
     sentence is empty if the expert solved all trials.
 
@@ -48,10 +48,10 @@ def require_coverage(
     looks: Looks = "seen",
     robot: str = USUAL_ROBOT,
 ) -> str:
-    """Check that a certificate covers every planned trial, and return a sentence on unsolved trials.
+    """Check that a certificate covers every planned trial, and return a sentence about unsolved trials.
 
-    The sentence is empty if the expert solved all trials. ``seed``, the first of the run, and ``trials_per_variation``
-    are used for the remedy.
+    The sentence is empty if the expert solved all trials. The run's first ``seed`` and ``trials_per_variation`` appear
+    in the suggested command.
 
     Raises:
         InvalidInputError: If a trial is not covered; the message names the first such trial and the remedy.

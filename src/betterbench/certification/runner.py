@@ -1,4 +1,4 @@
-"""Certification of many trials: worker processes, one journal, and a certificate at the end."""
+"""Certification of many trials by worker processes, with a journal and a final certificate."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def certify(
     robot: str = USUAL_ROBOT,
     on_progress: Callable[[JobProgress[TrialCertificate]], None] | None = None,
 ) -> Certificate:
-    """Examine every trial that is not yet in a folder's journal, and write ``certificate.json``.
+    """Examine every trial not yet in the folder's journal, and write ``certificate.json``.
 
     Returns:
         The certificate of exactly these trials, in order.

@@ -1,4 +1,4 @@
-"""Support: the picks, placements and drawer moves of a training distribution, and whether an episode stays inside."""
+"""Support of a training distribution: picks, placements and drawer moves, and a check that an episode stays inside."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, Fl
 from betterbench.tasks.relations import RELATIONS
 
 POSITION_TOLERANCE_M = 0.001
-"""Tolerance at the border of a slot's jitter [m]: the drift that clause (c) allows."""
+"""Tolerance around a slot's jitter region [m], equal to the drift that clause (c) allows."""
 YAW_TOLERANCE_RAD = 0.02
-"""Tolerance at the limit of a slot's yaw jitter [rad]; assets at rest rotate less."""
+"""Tolerance beyond a slot's yaw jitter [rad]; assets at rest rotate less."""
 PUSHED_TOLERANCE_M = 0.005
-"""Position tolerance for a movable target when an object is put on it [m]; placing objects may push it this far."""
+"""Position tolerance of a movable target [m]; placing an object on it may push it this far."""
 LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
 """Largest distance and rotation of a pre-placed object from the nearest final pose in demonstrations [m], [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Finding on one primitive: text, reason if it is outside the training distribution (or None), and slack.
+    """Result for one primitive: description, reason if it is outside the training distribution (or None), and slack.
 
     The slack is the distance to the border of the jitter region [m], negative outside; None if there is no jitter
     region.
@@ -57,7 +57,7 @@ class TrainedSupport:
 
     @classmethod
     def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
-        """Collect the primitives that the training conditions require, and the primitives in their demonstrations.
+        """Collect the primitives required by the training conditions, and those in the demonstrations.
 
         Closing a drawer is a slide; every other subgoal picks its object and puts it at a target.
         """
@@ -94,7 +94,7 @@ class TrainedSupport:
         )
 
     def judge(self, primitive: Primitive) -> Found:
-        """Return the finding on whether a primitive is inside the support."""
+        """Judge whether a primitive is inside the support."""
         if isinstance(primitive, Pick):
             return self._judge_pick(primitive)
         if isinstance(primitive, DrawerMove):
@@ -145,10 +145,7 @@ class TrainedSupport:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
     def _release_astray(self, put: Put) -> str | None:
-        """Return the deviation of a release from all demonstrated releases at its target.
-
-        Returns None if it is among them.
-        """
+        """Describe how a release deviates from every demonstrated release at its target; None if it does not."""
         trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
         if trained is None:
             return "where no measured demonstration releases an object"
@@ -190,7 +187,7 @@ def _offset_m(pose: Pose, trained: FlatPose) -> float:
 
 
 def _turn(pose: Pose, trained: FlatPose) -> float:
-    """Return the heading of a pose relative to a trained one [rad], in [-pi, pi]."""
+    """Return the heading of a pose relative to a training pose [rad], in [-pi, pi]."""
     return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 

@@ -1,8 +1,8 @@
 """The command line ``better``.
 
-- ``main``: the table of verbs, and the options that every verb has.
-- ``verbs``: one file per verb; only the chosen verb is imported.
-- ``output``: the tables and lines that verbs print.
+- ``main``: the table of subcommands, and the options that every subcommand has.
+- ``subcommands``: one file per subcommand; only the chosen subcommand is imported.
+- ``output``: the tables and lines that subcommands print.
 - ``console``, ``progress``, ``tally``, ``help_text``, ``border``: output, help texts, checks of options.
 """
 
@@ -18,7 +18,7 @@ _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Return whether Ctrl-C was pressed. Interrupted native code may raise errors other than KeyboardInterrupt."""
+    """Return whether Ctrl-C was pressed, which interrupted native code may report as another error."""
     return bool(_interrupts)
 
 
@@ -28,7 +28,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _too_late(number: int, _frame: FrameType | None) -> None:
-    """Ignore the first Ctrl-C after the work is done. A second Ctrl-C ends a process that hangs."""
+    """Ignore the first Ctrl-C after the work is done; a second Ctrl-C ends a process that hangs."""
     signal.signal(number, signal.SIG_DFL)
 
 

@@ -1,4 +1,4 @@
-"""Checks of numeric options, and reserved standard output for verbs that print a JSON document."""
+"""Range checks of numeric options, and standard output reserved for a JSON document."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb that checks its numbers first and, with ``--json``, prints only its document."""
+    """Wrap a subcommand so that it checks numeric options first and, with ``--json``, prints only its JSON document."""
 
     def verb(*args: object, **options: object) -> None:
         for name, value in _numbers(options):

@@ -1,6 +1,6 @@
-"""Checks of this machine by ``better doctor``.
+"""Machine checks of ``better doctor``.
 
-Each check imports the simulator itself, so a failed import is reported as a failure of that check.
+Each check imports the simulator itself, so a failed import is reported as a failed check.
 """
 
 from __future__ import annotations

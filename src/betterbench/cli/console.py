@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
-"""Maximum characters of one message or cell; only texts from outside are longer."""
+"""Maximum number of characters in a message or table cell; only external texts are longer."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """Pattern of a numeric cell; a column of numbers is right-aligned."""
@@ -34,7 +34,7 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 class Terminal(Console):
     """Console that removes control characters, because names and messages may come from an untrusted file.
 
-    Commands in these texts start with the words that start this installation.
+    Commands in these texts are adapted so that they work in this installation.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
@@ -46,7 +46,7 @@ class Terminal(Console):
         super().print(*(as_started_here(_printable(o)) if isinstance(o, str) else o for o in objects), **options)
 
     def on_broken_pipe(self) -> None:
-        """End without an error when the reader of standard output has closed it, as in ``better list tasks | head``."""
+        """Exit without an error if the reader of standard output closed it, as in ``better list tasks | head``."""
         if self.stderr:
             super().on_broken_pipe()
         self.quiet = True
@@ -73,7 +73,7 @@ _PLAIN = {
     ord("\u00b1"): "+-",
     ord("\u0394"): "Delta",
 }
-"""Replacement for each character that the terminal may not support; all others become a question mark."""
+"""Replacements for characters that the terminal may not support; others become a question mark."""
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:
@@ -182,7 +182,7 @@ def say(text: str, *, whole: bool = False) -> None:
 
 
 def complain(problem: str) -> None:
-    """Print an error like a message of :func:`say`, on one line even if an untrusted name contains line breaks."""
+    """Print an error as :func:`say` does, on one line even if an untrusted name contains line breaks."""
     from rich.text import Text
 
     ERR.print(
@@ -204,7 +204,7 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback (done, total) that advances a progress bar; the bar disappears when the work has ended."""
+    """Yield a callback (done, total) that advances a progress bar; the bar disappears at the end."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 
@@ -213,9 +213,9 @@ def passing_bar(what: str) -> Iterator[OnCount]:
 def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = True) -> Iterator[tuple[Progress, Any]]:
     """Show a bar on standard error during long work, or occasional log lines if that is not a terminal.
 
-    A ``total`` of 0 means that the amount of work is not known yet. Without ``estimate``, the bar shows no times,
-    because the note contains them, and no log lines are written. With ``stays``, the bar remains at the end and shows
-    how long the work took; this is for the main work of a command. Bars of intermediate steps disappear.
+    A ``total`` of 0 means that the amount of work is not known yet. Without ``estimate``, no log lines are written and
+    the bar shows no times, because the note contains them. With ``stays``, the bar remains at the end and shows the
+    elapsed time; use this for the main work of a command. Bars of intermediate steps disappear.
     """
     from betterbench.cli.progress import WorkProgress
 

@@ -1,4 +1,4 @@
-"""Help texts, wrapped to the terminal, without defaults that the description already names."""
+"""Help texts wrapped to the terminal width, without defaults that the description already states."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WIDEST = 100
 """Longest line of a description [characters]."""
 
 INDENT = "  "
-"""Indentation of a paragraph's later lines; tyro joins lines that begin with a letter."""
+"""Indentation of continuation lines; tyro joins lines that begin with a letter."""
 
 
 def description_of(function: object) -> str:
@@ -53,7 +53,7 @@ def color_as_asked() -> None:
 
 @contextlib.contextmanager
 def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
-    """Shorten the usage line of the overview to VERB if the list of all verbs does not fit the terminal."""
+    """Shorten the usage line of the overview to COMMAND if the list of subcommands does not fit the terminal."""
     listed = "{" + ",".join(verbs) + "}"
 
     class Brief:
@@ -61,7 +61,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
             self._stream = stream
 
         def write(self, text: str) -> int:
-            return self._stream.write(text.replace(listed, "VERB"))
+            return self._stream.write(text.replace(listed, "COMMAND"))
 
         def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever a stream has
             return getattr(self._stream, name)
@@ -74,7 +74,7 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
 
 
 def word_options(function: Callable[..., None]) -> None:
-    """Set the placeholders and defaults that the help shows for a verb's options."""
+    """Set the placeholders and defaults that the help shows for a subcommand's options."""
     parameters = inspect.signature(function).parameters
     hints = function.__annotations__
     function.__annotations__ = hints | {

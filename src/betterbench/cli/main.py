@@ -38,7 +38,7 @@ LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
 
 @dataclass(slots=True)
 class Telling:
-    """Log level and tracebacks requested on the command line."""
+    """Logging options of the command line: log level and tracebacks."""
 
     traceback: bool = False
 
@@ -51,16 +51,17 @@ class Telling:
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb of the command line.
+    """A subcommand of the command line.
 
     Attributes:
-        function: Its "module:name" in the package of verbs, or the full name of a function of betterbench-calibration.
+        function: Its "module:name" in the package of subcommands, or the full name of a function of
+            betterbench-calibration.
         takes_tasks: Whether it accepts ``--task-file`` and ``--asset-dir``.
-        takes_suite: Whether it accepts ``--suite`` in addition to its own options. Without ``--tasks``, the verb
+        takes_suite: Whether it accepts ``--suite`` in addition to its own options. Without ``--tasks``, the subcommand
             then works on the tasks of the suite.
         takes_run_file: Whether its options may be given in a run file.
-        commands: Commands of a verb that has several ("import" of ``better assets import``), each with its own options;
-            the function of the verb then only has their overview as its help.
+        commands: Nested commands ("import" of ``better assets import``), each with its own options; the function of the
+            subcommand then only provides their overview as its help.
     """
 
     function: str
@@ -71,10 +72,10 @@ class Verb:
     commands: Mapping[str, Verb] = field(default_factory=dict)
 
     def load(self, telling: Telling) -> Callable[..., None]:
-        """Import the function of the verb and add the options common to all verbs."""
+        """Import the function of the subcommand and add the options common to all subcommands."""
         module, _, name = self.function.partition(":")
         if module.startswith(_CALIBRATION):
-            problem = "This verb is part of betterbench-calibration, which is not installed"
+            problem = "This subcommand is part of betterbench-calibration, which is not installed"
             home = calibration_module(module.removeprefix(_CALIBRATION), problem)
         else:
             home = importlib.import_module(f"betterbench.cli.verbs.{module}")
@@ -86,7 +87,7 @@ class Verb:
         return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
 
     def words(self, given: Sequence[str]) -> list[str]:
-        """Return the words of a command line, with ``--run-file`` replaced by the options in that file."""
+        """Return the command-line words, with ``--run-file`` replaced by the options in that file."""
         if not self.takes_run_file:
             return list(given)
         from betterbench.cli.run_file import with_run_file
@@ -120,17 +121,17 @@ VERBS: dict[str, Verb] = {
     "calibrate": Verb(
         "calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault.", takes_suite=True
     ),
-    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
-    "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
+    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, or resume or repeat a run.", takes_run_file=True),
+    "collect": Verb("collect:collect_command", "Collect varied expert demonstrations."),
     "teleop": Verb(
         "teleop:teleop_command", "Demonstrate in the browser by gizmo, keys or leader arm.", takes_suite=True
     ),
     "amplify": Verb(
-        "amplify:amplify_command", "Carry demonstrations over to new starts, many from few.", takes_suite=True
+        "amplify:amplify_command", "Make many demonstrations from a few, for new starts.", takes_suite=True
     ),
-    "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and audit."),
+    "dataset": Verb("dataset:dataset_command", "Make a training set with its dataset card and audit."),
     "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe.", takes_suite=True),
-    "study": Verb("study:study_command", "Train learners on every arm and compare what they learn."),
+    "study": Verb("study:study_command", "Train learners on each arm of a study and compare them."),
     "shortcuts": Verb(
         "shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner.", takes_suite=True
     ),
@@ -140,10 +141,10 @@ VERBS: dict[str, Verb] = {
     ),
     "report": Verb("report:report_command", "Write a page with tables, figures and films of runs.", takes_suite=True),
     "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on.", takes_suite=True),
-    "recipe": Verb("recipe:recipe_command", "Write how openpi, GR00T, Being-H or LeRobot train.", takes_tasks=False),
+    "recipe": Verb("recipe:recipe_command", "Write configs for openpi, GR00T, Being-H or LeRobot.", takes_tasks=False),
     "mixture": Verb(
         "betterbench_calibration.cli.mixture:mixture_command",
-        "Show a mixture of training data and draw from it.",
+        "Show a mixture of training data and sample from it.",
         takes_tasks=False,
     ),
     "materialize": Verb(
@@ -172,7 +173,7 @@ EXIT_BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb and return the exit status: 0, or 2 if the input was wrong."""
+    """Run one subcommand and return the exit status: 0, or 2 if the input was wrong."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
@@ -199,7 +200,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # Any operating system error: a path that is missing, too long, a loop of links or not writable.
+        # Any operating system error, such as a path that is missing, too long, not writable or a loop of links.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
@@ -215,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def every_command() -> dict[str, Verb]:
-    """Return all verbs by name, and the commands of verbs under both words ("assets import")."""
+    """Return all subcommands by name; nested commands have both words as their name ("assets import")."""
     found = dict(VERBS)
     for name, verb in VERBS.items():
         found |= {f"{name} {command}": each for command, each in verb.commands.items()}
@@ -223,7 +224,7 @@ def every_command() -> dict[str, Verb]:
 
 
 def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
-    """Return the name of the chosen verb or command, itself, and the other words; options may precede the command."""
+    """Return the name of the chosen subcommand, the subcommand and the other words; options may precede it."""
     verb, rest = VERBS[given[0]], list(given[1:])
     if not verb.commands or not rest:
         return given[0], verb, rest
@@ -238,7 +239,7 @@ def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
 
 
 def _interrupted(given: Sequence[str]) -> int:
-    """Report that Ctrl-C was pressed and how to resume, and return the exit status."""
+    """Report the interrupt and how to resume, and return the exit status."""
     more = "; run the same command again to continue where it stopped"
     say(f"interrupted{more if given and given[0] in RESUMING else ''}")
     return EXIT_INTERRUPTED
@@ -258,22 +259,22 @@ def _log_handler() -> logging.Handler:
 
 
 def _show_overview(given: Sequence[str]) -> None:
-    """Print the verbs, the error of a command line that names none, or a shell completion script; always exits."""
+    """Print the overview, the error for a missing subcommand, or a shell completion script; always exits."""
     command = better_command()
     here = "" if command == "better" else f"\n\nHere, better is started as {command}."
-    completion = any(word.startswith("--tyro-") for word in given)  # completion needs the options of every verb
+    completion = any(word.startswith("--tyro-") for word in given)  # completion needs the options of every subcommand
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
             prog="better",
-            description="Find out why a Vision-Language-Action policy fails.\n\n"
-            f"better VERB --help explains a verb, better --version prints the version.{here}",
+            description="Find out why a vision-language-action policy fails.\n\n"
+            f"better COMMAND --help explains a command, better --version prints the version.{here}",
             args=list(given),
         )
 
 
 def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
-    """Return a verb with its options, or its summary alone if it is not installed."""
+    """Return a subcommand with its options, or its summary alone if it is not installed."""
     if with_options:
         with suppress(MissingDependencyError):
             return verb.load(Telling())
@@ -285,7 +286,7 @@ def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
 
 
 def _with_log_options(function: Callable[..., None], telling: Telling) -> Callable[..., None]:
-    """Return a verb that also takes ``--log-level`` and ``--traceback``."""
+    """Return a subcommand that also takes ``--log-level`` and ``--traceback``."""
 
     def verb(*args: object, log_level: LogLevel = "warning", traceback: bool = False, **options: object) -> None:
         telling.begin(log_level, with_traceback=traceback)
@@ -295,14 +296,14 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
         verb,
         function,
         log_level="Log level on standard error, also for worker processes.",
-        traceback="Also print where in the code an error was raised.",
+        traceback="Also print the traceback of an error.",
     )
     word_options(verb)
     return verb
 
 
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb that also takes ``--task-file`` and ``--asset-dir``, and loads both before anything else."""
+    """Return a subcommand that also takes ``--task-file`` and ``--asset-dir``, and loads both before anything else."""
 
     def verb(
         *args: object,
@@ -319,13 +320,13 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
     return _with_options(
         verb,
         function,
-        task_file="Python file that defines tasks, assets or learners of your own; may be given several times.",
-        asset_dir="Folder of assets that better assets import has written; may be given several times.",
+        task_file="Python file that defines your own tasks, assets or learners; may be given several times.",
+        asset_dir="Asset folder written by better assets import; may be given several times.",
     )
 
 
 def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb that also takes ``--suite``, loads its tasks, and works on them if no tasks are named."""
+    """Return a subcommand that also takes ``--suite``, loads its tasks, and works on them if no tasks are named."""
     takes_names = "tasks" in inspect.signature(function).parameters
 
     def verb(*args: object, suite: str | None = None, **options: object) -> None:
@@ -343,7 +344,7 @@ def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a verb whose help names ``--run-file``; :meth:`Verb.words` has already processed that option."""
+    """Return a subcommand whose help names ``--run-file``; :meth:`Verb.words` has already processed that option."""
 
     def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
         del run_file
@@ -357,7 +358,7 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Give a verb's wrapper the options, type hints and help of both functions.
+    """Give a subcommand's wrapper the options, type hints and help of both functions.
 
     ``texts`` has the help texts by option.
     """

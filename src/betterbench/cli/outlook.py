@@ -11,7 +11,7 @@ from betterbench.evaluation import Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
-"""Number of trials that must end before their pace is used as an estimate. Short, successful trials end first."""
+"""Number of trials that must end before their pace is used as an estimate; short, successful trials end first."""
 
 LONG_S = 300.0
 """Duration above which a run prints an estimate after its first seconds [s]."""
@@ -45,7 +45,7 @@ class Outlook:
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Record how many steps this session has taken, at a time of the monotonic clock [s]."""
+        """Record the number of steps in this session at a time of the monotonic clock [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:
@@ -65,11 +65,11 @@ class Outlook:
 
     @property
     def most_left_s(self) -> float | None:
-        """Remaining time if every trial takes the maximum number of steps [s], or None while there is no estimate."""
+        """Remaining time if every trial takes the maximum number of steps [s], or None without an estimate."""
         return None if not self.rate or not self.limits else self._left / self.rate
 
     def note(self, progress: Progress) -> str:
-        """Return the time left and the steps, as shown in the progress line of a run."""
+        """Return the remaining time and the steps for the progress line of a run."""
         ended = progress.done - progress.started_with
         if ended < min(FEW, progress.planned - progress.started_with) and self.most_left_s is not None:
             parts = [f"at most {duration(self.most_left_s)} left"]
@@ -78,7 +78,7 @@ class Outlook:
         return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
 
     def first_estimate(self) -> str | None:
-        """Return the message about the run's duration after its first seconds, or None if the run is short."""
+        """Return a message that estimates the run's duration after its first seconds, or None for a short run."""
         if self.most_left_s is None or self.most_left_s < LONG_S:
             return None
         return (

@@ -1,4 +1,4 @@
-"""Verbs that a person uses in the browser: the person name, and the end of the process."""
+"""Person name and process exit for subcommands that a person uses in the browser."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def person_named(name: str | None, option: str) -> str:
 
 
 def end_process() -> None:
-    """End the process although threads are still running.
+    """Exit the process although threads are still running.
 
-    Compiling a scene, rendering an image, and waiting for a page that does not answer cannot be interrupted. All
-    results are on disk, and the locks are released.
+    Threads that compile a scene, render an image or wait for a page cannot be interrupted. All results are on disk, and
+    the locks are released.
     """
     sys.stdout.flush()
     sys.stderr.flush()

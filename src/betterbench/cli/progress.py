@@ -1,4 +1,4 @@
-"""Progress of long-running work: one line on a terminal of any width, and occasional lines elsewhere."""
+"""Progress of long-running work: one bar line on a terminal of any width, occasional log lines elsewhere."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ ECHO = 3
 """Columns left free at the end of the line, so that the ^C of an interrupt does not wrap."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
-"""Without a bar: time of the first progress line, and interval between later lines [s]."""
+"""Time of the first log line, and interval between later log lines, if there is no bar [s]."""
 
 
 class _Widths(NamedTuple):
-    """Column widths of the line's shrinkable parts; an omitted part has width 0."""
+    """Column widths of the shrinkable parts of the line; an omitted part has width 0."""
 
     what: int
     bar: int
@@ -37,7 +37,7 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns left by counts and times. All parts but the first include a leading space.
+    """Divide the columns that counts and times leave free. All parts but the first include a leading space.
 
     Args:
         room: Total columns.
@@ -70,9 +70,9 @@ def _clock(seconds: float) -> str:
 
 
 def took(seconds: float, size: int) -> str:
-    """Return the size and duration of making a data set: "1.1 GB on disk, 0:22:55 in this session".
+    """Return the size of a data set and the time to make it: "1.1 GB on disk, 0:22:55 in this session".
 
-    The time covers only this call; a resumed job took longer in total.
+    The time covers only this session; a resumed job took longer in total.
     """
     return f"{filesize.decimal(size)} on disk, {_clock(seconds)} in this session"
 
@@ -126,7 +126,7 @@ class _LineColumn(ProgressColumn):
 
 
 class WorkProgress(Progress):
-    """A progress bar of one line, or lines for a log.
+    """One-line progress bar on a terminal, or log lines elsewhere.
 
     Args:
         console: Console on which the bar is drawn, if it is a terminal.

@@ -1,4 +1,4 @@
-"""``--robot``: one option for all verbs that build scenes."""
+"""``--robot``: one option for all subcommands that build scenes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class RobotOption:
     """The robot in the scenes.
 
     Attributes:
-        robot: Robot in the scenes: panda or so101; by default the one that the (first) task is laid out for.
+        robot: Robot in the scenes: panda or so101; default: the robot for which the (first) task is laid out.
     """
 
     robot: str | None = None
@@ -25,7 +25,7 @@ class RobotOption:
         return [] if self.robot is None else ["--robot", self.robot]
 
     def of(self, tasks: Sequence[str]) -> str:
-        """Return the chosen robot, or the one of the first task; the usual robot without tasks."""
+        """Return the chosen robot, or that of the first task, or the default robot if there are no tasks."""
         from betterbench.interface.actions import USUAL_ROBOT
         from betterbench.tasks import get_task
 

@@ -1,4 +1,4 @@
-"""Run files: the options of ``better eval`` in a YAML file that can be kept with the result."""
+"""Run files: ``better eval`` options in a YAML file that can be kept with the result."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """Content of a run file: ``better eval`` options by name, in the form that the command line accepts."""
+    """Content of a run file: ``better eval`` options by name, with values as on the command line."""
 
     policy: Name | None = None
     out: Name | None = None
@@ -105,7 +105,7 @@ def read_run_file(path: Path) -> RunFile:
 
 
 def _require_plain(path: Path, text: bytes) -> None:
-    """Reject aliases and deep nesting: options need neither, and parsing them can take very long."""
+    """Reject aliases and deep nesting, which options do not need and which can take very long to parse."""
     import yaml
 
     opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
@@ -121,7 +121,7 @@ def _require_plain(path: Path, text: bytes) -> None:
 
 
 def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
-    """Return the run file named on a command line, and the remaining words."""
+    """Return the run file given on the command line, and the remaining words."""
     found: list[str] = []
     rest: list[str] = []
     waiting = iter(words)
@@ -158,7 +158,7 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
 
 
 def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
-    """Reject options that run code or send a secret, unless ``--trust`` is given.
+    """Reject options in a run file that run code or send a secret, unless ``--trust`` is given.
 
     Raises:
         InvalidInputError: If there is such an option; the message names it.

@@ -1,4 +1,4 @@
-"""Counts that ``better eval`` shows during a run: pace, successes so far, and answer times of the policy."""
+"""Statistics that ``better eval`` shows during a run: pace, successes so far, and policy latency."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class RunTally:
         judged: Trials with a record.
         successes: Judged trials that succeeded.
         policy_errors: Judged trials that ended with an error of the policy.
-        broken: Trials that broke down in this session; the same command runs them again.
+        broken: Trials that failed to run in this session; the same command runs them again.
     """
 
     judged: int = 0
@@ -27,7 +27,7 @@ class RunTally:
     broken: int = 0
 
     def resume(self, run: RunFolder) -> None:
-        """Reset the counts to the trials that a run already contains."""
+        """Initialize the counts from the trials that a run already contains."""
         self.judged = self.successes = self.policy_errors = 0
         for entry in run.entries():
             if entry.status == "done":
@@ -89,7 +89,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Return a policy's answer times as a sentence, or an empty string if they are unknown."""
+    """Return a sentence about a policy's answer times, or an empty string if they are unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -111,7 +111,7 @@ def _milliseconds(seconds: float) -> str:
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return the time spent in each part of a run, and a sentence that names the bottleneck and its remedy.
 
-    ``drawn_here`` means that the workers render the images and no other simulator does; ``chosen`` means that a warm-up
+    ``drawn_here`` states that the workers render the images, not another simulator; ``chosen`` states that a warm-up
     chose the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
@@ -123,7 +123,7 @@ def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
 
 
 def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Return the sentence of :func:`times_text` that names a run's bottleneck and the remedy."""
+    """Return the sentence of :func:`times_text` about the bottleneck of a run and its remedy."""
     if times.bottleneck == "policy" and times.envs is None:
         return "The policy runs inside the workers and is the bottleneck: use more --workers."
     if times.bottleneck == "policy":

@@ -1,4 +1,4 @@
-"""Experiment trackers: a run's metrics for TensorBoard or Weights & Biases."""
+"""Export of a run's metrics to experiment trackers: TensorBoard and Weights & Biases."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EVENTS_NAME = "events.out.tfevents.0.betterbench"
 
 _WANDB_PREFIX = ".wandb-"
 _LEAST_ROOM = 1 << 20
-"""Free bytes that wandb needs in addition to the trial table; a run's log takes about 20 kB."""
+"""Free disk space that wandb needs in addition to the trial table [byte]; a run's log takes about 20 kB."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
@@ -83,9 +83,10 @@ def write_metrics(
 
 
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
-    """Write one event file in place of an earlier export's file, because TensorBoard would show both.
+    """Write one event file, replacing that of an earlier export, because TensorBoard would show both.
 
-    The file is built elsewhere and moved: on a full disk the writer thread would end, and waiting for it would hang.
+    The file is written elsewhere and then moved: on a full disk, the writer thread would die, and waiting for it would
+    hang.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # protobuf warns at import
@@ -100,10 +101,10 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
-    """Write one complete run next to the runs of earlier exports, or write nothing.
+    """Write one complete run next to the runs of earlier exports, or nothing.
 
-    wandb ends normally when the disk is full, with missing data, so the free space is checked before and after.
-    ``wandb sync`` would also send the rest of a killed export, so the run is moved to its place as the last step.
+    On a full disk, wandb exits normally with missing data, so the free space is checked before and after. ``wandb
+    sync`` would also upload the remains of a killed export, so the run is moved into place as the last step.
     """
     import wandb
 
@@ -125,13 +126,13 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
     ) as apart:
         offline = wandb.setup().settings.mode == "offline"
-        quiet = wandb.Settings(silent=True) if offline else None  # its hint names the folder before the final move
+        quiet = wandb.Settings(silent=True) if offline else None  # its hint would name the folder before the final move
         with wandb.init(
             project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
         ) as run:
             run.summary.update(numbers)
             run.log({"trials": wandb.Table(columns=columns, data=rows)})
-        wandb.teardown()  # the process of wandb writes until this call
+        wandb.teardown()  # wandb's process writes until this call
         _require_room(place, room)
         place.mkdir(exist_ok=True)
         for made in (Path(apart) / "wandb").iterdir():

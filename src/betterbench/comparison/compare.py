@@ -1,4 +1,4 @@
-"""Comparison of several runs: every pair of policies, in success and in failures, with corrected tests."""
+"""Pairwise comparison of policies in success and failures, with corrected tests."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Comparison:
 
     Attributes:
         matching: Trials that were compared.
-        groups: Every measure over every scope: success (overall, training, per axis, per task), then the failure kinds
-            and labels over all variations.
+        groups: Success overall, on training conditions, per axis and per task; then failure kinds and labels over all
+            variations.
         sequential: Sequential evidence on success, valid during the runs; empty unless requested.
-        verdict: The result in sentences, the most important first.
-        standings: Comparison of each policy with the pretenders, on the compared trials.
+        verdict: Result in sentences, most important first.
+        standings: Comparison of each policy with the pretenders (simulated faulty policies), on the compared trials.
     """
 
     sides: tuple[Side, ...]
@@ -51,7 +51,7 @@ class Comparison:
     standings: tuple[Standing, ...] = ()
 
     def group(self, measure: str, scope: str = "overall") -> Group | None:
-        """Return a group, or None if it is not in the comparison."""
+        """Return a group of the comparison, or None if there is none."""
         return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
 
     @property
@@ -93,9 +93,9 @@ def compare(
 ) -> Comparison:
     """Compare runs of several policies on the trials that they share.
 
-    Every planned trial counts, including trials that failed to run. Two policies are called different if the
-    Holm-corrected p-value is at most alpha and the interval of the difference excludes zero. The test is exact but
-    treats pairs as independent; the interval accounts for pairs that share a scene.
+    Every planned trial counts, including trials that failed to run. Two policies differ significantly if the
+    Holm-corrected p-value is at most alpha and the confidence interval of the difference excludes zero. The test is
+    exact but treats pairs as independent; the interval accounts for pairs that share a scene.
 
     Args:
         sides: The runs, at least two, with different names.
@@ -131,13 +131,13 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """One group before it is judged: a measure and its trials."""
+    """Group before testing: a measure and its trials."""
 
     measure: str
     scope: str
 
     def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
-        """Return the trials in the scope, each with a flag for the counted outcome."""
+        """Return the trials in the scope, each with whether it has the counted outcome."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
     def _holds(self, t: TrialDiagnosis) -> bool:
@@ -163,7 +163,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
-    """Yield the groups in a family, corrected together; a group for which one side has no trials is left out."""
+    """Yield the groups of a family with jointly corrected p-values, without groups in which a side has no trials."""
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))
@@ -193,7 +193,7 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
 def _contrast(
     question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
 ) -> Contrast:
-    """Return the contrast of two sides before the correction over their family."""
+    """Return the contrast of two sides, before the p-value is corrected over the family."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
@@ -203,7 +203,7 @@ def _contrast(
 
 
 def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequence[tuple[int, int]]) -> tuple[str, ...]:
-    """Return the compact letters of the sides; they begin with the highest rate."""
+    """Return the compact letter display of the sides, starting from the highest rate."""
     order = sorted(range(len(rates)), key=lambda i: -(rates[i].value or 0.0))
     apart = {frozenset(pair) for pair, c in zip(pairs, contrasts, strict=True) if c.different}
     letters = compact_letters([[frozenset((i, j)) in apart for j in order] for i in order])

@@ -1,4 +1,4 @@
-"""Contrasts: two policies on the same trials, with a difference, its interval and its test."""
+"""Contrasts between two policies on the same trials: a difference with its interval and test."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from betterbench.statistics import (
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
-"""Largest number of trials per side for Boschloo's test, which takes 2 s at this size. Above it Barnard's test is used,
+"""Maximum number of trials per side for Boschloo's test, which takes 2 s at this size. Above it Barnard's test is used,
 which agrees closely.
 """
 
@@ -35,7 +35,7 @@ _smallest_unpaired = functools.lru_cache(maxsize=256)(smallest_unpaired_differen
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """Comparison of two policies in one measure over one scope.
+    """Comparison of two policies on one measure within one scope.
 
     Attributes:
         measure: "success", a failure kind or a label.
@@ -83,7 +83,7 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """All sides in one measure over one scope.
+    """Comparison of all sides on one measure within one scope.
 
     Attributes:
         letters: Compact letters of each side. Two sides share a letter exactly if they do not differ significantly. "a"
@@ -109,7 +109,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class SequentialContrast:
-    """Comparison of two policies in success by sequential evidence, valid while the runs go on.
+    """Sequential comparison of two policies' success rates, valid while the runs are unfinished.
 
     Attributes:
         planned: Number of pairs in both plans.
@@ -144,7 +144,7 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials with whether they have the counted outcome."""
+"""Trials, each with whether it has the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:
@@ -181,7 +181,7 @@ class OutcomeCounts:
 
 
 def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
-    """Return the difference, the name of its test, and the p-value."""
+    """Return the difference, the name of the test, and the p-value."""
     if paired:
         difference = wider_paired_difference(
             tally.outcomes,
@@ -200,7 +200,7 @@ def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: floa
 def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
     """Return the smallest difference that this many trials detect with 80 % power, or None without trials.
 
-    For pairs, the observed share of opposite differences is assumed: policies that fail on different trials need more
+    For pairs, the observed share of discordant pairs is assumed: policies that fail on different trials need more
     pairs.
     """
     a, b = tally.rates

@@ -1,4 +1,4 @@
-"""Plan conventions and its records that affect outcomes."""
+"""Conventions of a plan and its records that affect outcomes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
     """Return the conventions declared in a plan and in its records.
 
     Args:
-        plan: JSON form of a plan; missing conventions are skipped.
+        plan: plan as JSON; missing conventions are skipped.
         versions: Versions found in the records, which take precedence.
     """
     found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}

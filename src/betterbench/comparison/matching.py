@@ -1,4 +1,4 @@
-"""Matching of several runs: the comparable trials, and the trials that are left out."""
+"""Matching of trials across runs, with notes about the trials that are left out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.statistics.wording import plural
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
-"""Conventions that define a trial; numbers made under different ones are not comparable."""
+"""Conventions that define a trial; results under different conventions are not comparable."""
 
 _CAMERAS = ("camera_preset", "render_quality")
 """Conventions that do not matter if a policy used no image."""
@@ -23,7 +23,7 @@ class Matching:
     """The compared trials of several runs.
 
     Attributes:
-        paired: Whether all sides have the same trials; otherwise they have only the conditions in common.
+        paired: Whether all sides have the same trials; otherwise they share only conditions.
         trials: Trials of each side in plan order; if paired, every side has the same order of keys.
     """
 
@@ -34,9 +34,9 @@ class Matching:
 
 
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
-    """Return the trials that all sides share by task, variation or condition, and seed.
+    """Return the trials shared by all sides, matched by task, variation or condition, and seed.
 
-    For a run until decided, only the trials of its first round count, because outcomes selected the others.
+    For a run with ``--until-decided``, only first-round trials count, because later trials depend on outcomes.
 
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and mixing is not allowed.
@@ -64,7 +64,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
 
 
 def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
-    """Return the trials in the conditions that all sides share.
+    """Return the trials in conditions shared by all sides.
 
     Raises:
         InvalidInputError: If they share none.
@@ -119,7 +119,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
 
 
 def _until_decided(side: Side) -> Iterator[str]:
-    """Yield a note about the trials of a run until decided that are left out."""
+    """Yield a note about the excluded trials of each run with ``--until-decided``."""
     decided = side.diagnosis.until_decided
     if decided is not None:
         first = plural(len(decided.first_seeds), "seed")

@@ -1,4 +1,4 @@
-"""Submissions: a run's outcomes in one file, with its conventions and the hashes of its records."""
+"""Submissions: the outcomes of a run in one file, with conventions and record hashes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class SubmittedTrial:
     Attributes:
         condition: Name of the variation or of the training condition.
         status: "done" with a record, "broken" without one, "unfinished" if the run has not reached it.
-        progress: Number of subgoals completed in a valid order, divided by the number requested.
+        progress: Fraction of the requested subgoals that were completed in a valid order.
         steps: Control steps.
         duration_s: Simulated time [s].
         record_sha256: Hash of its record's file, or None without one.
@@ -91,13 +91,13 @@ class Submission:
     Attributes:
         name: Policy name.
         policy: Its address.
-        declared: Declaration of the policy about itself.
+        declared: Policy's declaration about itself.
         betterbench: Version that judged the trials.
         conventions: Versions and conventions by name, from the plan and the records.
         thresholds: Thresholds of the diagnosis by name.
         plan_sha256: Plan hash as canonical JSON.
-        left_out: Number of trials in a run until decided that were selected by outcomes and are therefore not a fair
-            sample.
+        left_out: Number of trials of a run with ``--until-decided`` that depended on outcomes and are therefore not a
+            fair sample.
         trials: Every other planned trial, in plan order.
         sha256: Hash of all other fields as canonical JSON. It detects damage but does not authenticate the author.
     """
@@ -135,7 +135,7 @@ class Submission:
         return replace(self, sha256=_hash_of(form))
 
     def diagnosis(self) -> RunDiagnosis:
-        """Return the outcomes as a diagnosis whose trials have no attempts and no evidence.
+        """Return the outcomes as a diagnosis without attempts and evidence.
 
         Raises:
             UnknownNameError: If a task or a condition does not exist here.
@@ -192,7 +192,7 @@ def submission_of(run: RunFolder, *, name: str | None = None, on_progress: OnCou
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a file begins like a submission of any version; raise OSError."""
+    """Return whether a file looks like a submission of any version. Raises OSError."""
     with open_ordinary(path) as file:
         return file.read(len(_BEGINNING)) == _BEGINNING
 
@@ -218,7 +218,7 @@ def read_submission(path: Path) -> Submission:
 
 
 def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount | None = None) -> None:
-    """Check a submission against a run's records; ``on_progress`` is as for :func:`submission_of`.
+    """Check a submission against the records of a run; ``on_progress`` is called as by :func:`submission_of`.
 
     Raises:
         RunConflictError: If they disagree; the message names the first difference.

@@ -1,4 +1,4 @@
-"""Verdict of a comparison as sentences, including the conclusions that the trials do not allow."""
+"""Verdict of a comparison in sentences, including what the trials cannot show."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from betterbench.tasks.worlds.facts import facts_of_task
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets a sentence; with more policies, letters are shorter."""
+"""Maximum number of policies for which each pair gets a sentence; with more, compact letters are used."""
 
 SHOWN_PARTS = 6
-"""Largest number of parts that one sentence names."""
+"""Maximum number of groups named in one sentence."""
 
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
-    """Return a comparison's result, the most important sentence first."""
+    """Return the result of a comparison in sentences, most important first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
         return ("Nothing can be concluded: there are no trials to compare.",)
@@ -32,12 +32,12 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
 
 
 def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
-    """Return the conclusion from the sequential evidence about each pair of policies."""
+    """Return one sentence per pair of policies about the sequential evidence."""
     return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
 
 
 def scope_text(scope: str) -> str:
-    """Return a scope in words; a task in another world keeps its name."""
+    """Return a description of a scope; a task of another world keeps its name."""
     if not facts_of_task(scope).measured:
         return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
@@ -71,7 +71,7 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, kind: str) -> str:
-    """Return the smallest difference that the trials of an undecided contrast could have detected, in words."""
+    """Describe the smallest difference that the trials of an undecided contrast could have detected."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     trials = f"{n} {kind}"
     if fewer:
@@ -101,7 +101,7 @@ def _ranking(group: Group) -> str:
 
 
 def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
-    """Yield one sentence per pair of policies on the parts in which they differ, the most significant first."""
+    """Yield a sentence per pair of policies about the groups in which they differ, most significant first."""
     for k, pair in enumerate(main.contrasts):
         apart = [g.contrasts[k] for g in groups if g is not main and g.contrasts[k].different]
         if apart:

@@ -1,15 +1,15 @@
-"""Diagnosis: labels and explanations for a policy's trials, from their records alone.
+"""Diagnosis: a label and an explanation for each trial of a policy, from its record alone.
 
 - ``analysis``: the events of one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``thresholds``: the numbers that labels depend on.
-- ``trial``, ``labels``, ``ruling``: each trial's label, from the evidence of all modes; ``readers`` chooses how to read
-  a world's records, and ``libero`` reads LIBERO records.
+- ``trial``, ``labels``, ``ruling``: the label of each trial, from the evidence of all modes. ``readers`` selects the
+  reader for a world's records, and ``libero`` reads LIBERO records.
 - ``rule_likelihood``, ``task_rules``, ``second_pass``: the rule that explains a policy's wrong first attempts
   (likelihood of one rule, rules in one task, rules over all tasks). ``instruction_effect``, ``favorite_thing``,
-  ``decider``: use of the instruction by the policy.
-- ``run``, ``stored``, ``changes``: a run's diagnosis, its file, and the differences between two diagnoses.
-- ``measures``: a run's metrics, and the confusion and power matrices of the diagnosis itself.
+  ``decider``: whether the policy uses the instruction, and what decides instead.
+- ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the differences between two diagnoses.
+- ``measures``: the metrics of a run, and the confusion and power matrices of the diagnosis itself.
 """
 
 from betterbench.diagnosis.measures.confusion import Calibration, Judged, LabelScore, packaged_calibration

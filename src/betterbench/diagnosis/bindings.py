@@ -1,8 +1,8 @@
-"""Words and targets that a policy confuses consistently, from the first attempts of a complete run.
+"""Words and targets that a policy consistently confuses, found from the first attempts of a complete run.
 
-A policy can use the instruction and misunderstand some of its words: it takes the fork where the instruction asks for
-the spoon, and the spoon where it asks for the fork. One trial cannot distinguish this from chance, so the label of such
-a trial is ``wrong_object``. Trials with the same words do: a confusion at random is right in some of them.
+A policy can use the instruction but misunderstand some of its words, for example take the fork for the spoon and the
+spoon for the fork. One trial cannot distinguish this from chance, so the label of such a trial is ``wrong_object``.
+Several trials with the same words can, because random confusion would be right in some of them.
 """
 
 from __future__ import annotations
@@ -23,28 +23,29 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
 
 MEMORIZED_PLACE = "memorized_place"
-"""Evidence rule of a right object at the target of training instead of the requested one."""
+"""Evidence rule for a right object placed at its training target instead of the requested one."""
 
 WRONG_PLACES = "It brings the right objects to wrong targets; this run does not show why."
-"""Conclusion for a policy whose wrong targets training does not explain."""
+"""Conclusion for a policy whose wrong targets are not explained by training."""
 
 _SHOWN = 4
-"""Number of confused words that a sentence lists."""
+"""Maximum number of confused words listed in a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class _FirstWord:
-    """The word that an instruction uses for the first object, and all words for the object of the first attempt."""
+    """The instruction's word for the first object, and all words for the object of the first attempt."""
 
     word: str
     taken: frozenset[str]
 
 
 def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis]) -> str:
-    """Return the sentence on words that are taken for other words of the task, or an empty text.
+    """Return a sentence on words that are mistaken for other words of the task, or an empty text.
 
     Nearly all trials with these words must agree, significantly more often than one half, and the words must explain at
-    least half of the failures. At least two different words must be taken: a single one is a favorite object.
+    least half of the failures. The policy must act on at least two different words; a single one would be a favorite
+    object.
 
     Args:
         trials: All trials of the run.
@@ -71,8 +72,7 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
     """Return the first word of a trial's instruction and the words for the attempted object.
 
-    None if either is unknown, or if the attempt is at another object of the same instruction, which is a question of
-    order.
+    None if either is unknown, or if the attempt is at another object of the same instruction, which concerns the order.
     """
     try:
         condition = resolve_condition(trial.task, trial.variation or trial.condition).condition
@@ -94,9 +94,9 @@ def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
 
 
 def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
-    """Return the word for which each confused word is taken.
+    """Return the word for which each confused word is mistaken.
 
-    A word needs two trials, or one trial if the other word is taken for it.
+    Two trials are needed, or one trial if the two words are mistaken for each other.
     """
     cases: dict[str, list[frozenset[str]]] = defaultdict(list)
     for one in found:
@@ -114,9 +114,9 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return the sentence on right objects at wrong targets if nearly all failures are of this form, or an empty text.
+    """Return a sentence on right objects at wrong targets if nearly all failures are of this kind, or an empty text.
 
-    If training explains nearly all of these targets, the text is empty too: that is a habit.
+    The text is also empty if training explains nearly all of these targets, which is then a habit.
 
     Args:
         failed: Variation trials that failed at reasoning.

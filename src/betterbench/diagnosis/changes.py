@@ -1,4 +1,4 @@
-"""Differences between a diagnosis and the stored diagnosis of the same run, trial by trial, with reasons."""
+"""Differences between a diagnosis and the stored diagnosis of the same run, per trial and with reasons."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class TrialChange:
     Attributes:
         before: The stored judgment, or None for a new trial.
         now: The judgment now, or None for a trial that is gone.
-        reasons: Reasons for the change that the two judgments show, as sentences without a period.
+        reasons: Reasons for the change, as shown by the two judgments; sentences without a period.
     """
 
     key: str
@@ -147,7 +147,7 @@ def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresh
 
 
 def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
-    """Return a clause on how the judged record changed, or None if nothing suggests a change."""
+    """Return a clause on how the judged record has changed, or None without signs of a change."""
     if before.has_record != now.has_record:
         return "the trial has a record now" if now.has_record else "its record is missing"
     if (before.steps, before.success) != (now.steps, now.success):

@@ -1,4 +1,4 @@
-"""Cues that a policy that ignores the instruction may follow: an object's slot, kind, color or distance."""
+"""Cues by which a policy that ignores the instruction may choose: an object's slot, kind, color or distance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _BY_PLACE = "the place of the object"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Cues that may decide a policy's first target instead of the instruction, as far as the trials distinguish them.
+    """Cues that may decide the first target instead of the instruction, as far as the trials distinguish them.
 
     Attributes:
         names: Cues, each sufficient to decide; empty if no known cue explains the first attempts.
@@ -38,7 +38,7 @@ class Decider:
 
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
-    """Return the cues that may decide when the instruction is not used.
+    """Return the cues that may decide if the instruction is not used.
 
     ``choices`` are the first attempts of each task. The favored slot or kind may differ from task to task.
     """

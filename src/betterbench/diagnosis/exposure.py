@@ -1,7 +1,7 @@
-"""Exposure of a variation: its test condition and the training distribution, which determine the faults it can show.
+"""Exposure of a variation: the faults that its test condition can reveal, given the training distribution.
 
-Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation tests for the fault.
-A variation claims only the failure modes for which this function returns True.
+Each failure mode has a function that takes an :class:`Exposure` and returns whether the variation tests for that fault.
+A variation may claim only failure modes for which this function returns True.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A test condition, its training twin's condition, and the regularities of training.
+    """Test condition with the condition of its training twin and the regularities of training.
 
     Attributes:
         task: The task.
@@ -62,7 +62,7 @@ class Exposure:
 
     @property
     def due(self) -> tuple[Subgoal, ...]:
-        """Subgoals that may be worked on first."""
+        """Subgoals with which an episode may begin."""
         return self.open_goals[:1] if self.test.instruction.ordered else self.open_goals
 
     @property
@@ -78,7 +78,7 @@ class Exposure:
         return self.test.object(name).kind
 
     def known(self, kind: str) -> bool:
-        """Return whether any instruction of the task refers to an object kind."""
+        """Return whether some instruction of the task refers to an object kind."""
         return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:

@@ -1,4 +1,4 @@
-"""Failure modes: the class that a file in ``modes`` registers, and the view of a trial that its detector gets."""
+"""Failure modes: the class registered by each file in ``modes``, and the input of its detector."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import registered
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """Input of a failure mode's detector: a record with its analysis.
+    """Input of a failure mode's detector: a record and its analysis.
 
     Attributes:
         record: The trial record, with its outcome.
@@ -46,20 +46,19 @@ Finder = Callable[[TrialView], Evidence | None]
 
 @dataclass(frozen=True, slots=True)
 class FailureMode:
-    """One outcome label, with its detector and its texts for tables and reports.
+    """Outcome label with its detector and its texts for tables and reports.
 
-    Used as a decorator, an instance registers itself with the decorated finder.
+    As a decorator, an instance registers itself with the decorated detector.
 
     Attributes:
-        short: Name with one or two words, for a segment of a bar chart.
+        short: Name of one or two words, for a segment of a bar chart.
         definition: Condition on the record, one sentence (suite, section 5).
         conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
-        sharper: Function that returns a more specific conclusion from this mode's trials, or an empty text.
-        finding: Beginning of the sentence that counts the trials with this mode; empty if the mode yields no finding.
-        detail: Function that returns the end of that sentence: what these trials have in common.
+        sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty text.
+        finding: Start of the sentence that counts the trials with this mode; empty if the mode yields no finding.
+        detail: Function that returns the end of that sentence, about what these trials have in common.
         rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
-        needs_rule: Whether only an upheld rule proves the mode; without such a rule, a trial is labeled
-            ``wrong_object``.
+        needs_rule: Whether the mode must be proven by an upheld rule; otherwise, the trial is labeled ``wrong_object``.
         title: Full name, if it differs from the words of the label.
         exposed_by: Function that returns whether a variation can reveal this fault; None if every variation can.
     """

@@ -1,4 +1,4 @@
-"""A policy's favorite object kind, in a world whose tasks never share a scene.
+"""Favorite object kind of a policy, in a world whose tasks never share a scene.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether it is used
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so no such pairs exist.
@@ -20,13 +20,13 @@ from betterbench.statistics.unpaired import binomial_probabilities
 
 @dataclass(frozen=True, slots=True)
 class FavoriteThing:
-    """Object kind that a policy attempts in every scene that contains it.
+    """Object kind that a policy goes for in every scene that contains it.
 
     Attributes:
         kind: The kind.
-        rate: Trials that begin with an attempt at this kind, among the trials that contain this kind but whose
-            instruction names another kind.
-        asked: Number of other kinds that these trials request.
+        rate: Trials that begin with an attempt at this kind, among trials whose scene contains it but whose instruction
+            names another kind.
+        asked: Number of other kinds requested in these trials.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the object kind that a policy provably attempts in every scene of a suite that contains it, or None.
+    """Return the object kind that a policy provably goes for in every scene of a suite that contains it, or None.
 
     The instructions of at least :data:`LEAST_PAIRS` trials with such an object must name another kind,
     :data:`LEAST_ASKED` kinds in total. The policy must attempt this kind more often than a policy that picks one of two

@@ -1,4 +1,4 @@
-"""Findings that need several trials of a policy, as sentences, and notes on the run's limits."""
+"""Findings that need several trials of a policy, as sentences, and notes on the limits of the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks.labels import Kind, Label
 
 _SHOWN = 5
-"""Number of trials that a note lists before "and more"."""
+"""Maximum number of trials listed in a note before "and more"."""
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
@@ -53,10 +53,10 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return the run's limits, one sentence each.
+    """Return the limits of the run, one sentence each.
 
-    ``missing`` are the trials that failed to run. ``even_pairs`` are the pairs from the first round of a run until
-    decided. ``cure`` tells the user how to get the missing twins.
+    ``missing`` are the trials that failed to run, ``even_pairs`` the pairs from the first round of a run with
+    ``--until-decided``, and ``cure`` tells the user how to get missing twins.
     """
     notes = []
     if pending:
@@ -114,7 +114,7 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
-    if mode.rule == PLACE:  # a slot may be named after another slot at the same position
+    if mode.rule == PLACE:  # a slot may have the name of another slot at the same position
         rule = _rule(found, place_rule(slot or "")) or next(
             (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )

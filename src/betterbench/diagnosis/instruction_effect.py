@@ -1,4 +1,4 @@
-"""Instruction effect: fraction of trial pairs whose first target changes with the instruction (suite, section 4).
+"""Instruction effect: fraction of trial pairs whose first target depends on the instruction (suite, section 4).
 
 Trials of one seed begin with the same scene if their conditions have the same objects in the same slots, because the
 random streams do not depend on the condition. Every run therefore contains pairs of trials that differ only in the
@@ -25,7 +25,7 @@ from betterbench.tasks.labels import Kind
 Pair = tuple[TrialDiagnosis, TrialDiagnosis]
 
 SAME_TARGET = "same_target_whatever_the_instruction"
-"""Evidence rule of a wrong first attempt by a policy that does not use the instruction."""
+"""Evidence rule for a wrong first attempt by a policy that does not use the instruction."""
 
 SAME_THING = "same_thing_whatever_the_instruction"
 """Evidence rule for a wrong first attempt at a policy's favorite object kind
@@ -33,11 +33,11 @@ SAME_THING = "same_thing_whatever_the_instruction"
 """
 
 _PLACE_DIGITS = 4
-"""Decimals to which positions [m] and rotations are rounded to compare initial states: 0.1 mm."""
+"""Decimals to which positions [m] and rotations are rounded when initial states are compared: 0.1 mm."""
 
 
 def scene_of(record: Record) -> str:
-    """Return a digest of the initial state: the objects, their poses and the arm's pose."""
+    """Return a digest of the initial state: objects, their poses, and the pose of the arm."""
     things = sorted(
         (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
         for thing, position, quaternion in zip(
@@ -53,8 +53,8 @@ def scene_of(record: Record) -> str:
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
     """Return pairs of trials that differ only in the instruction and have different first targets.
 
-    A trial is in at most one pair, which keeps pairs independent. A variation is paired with its counterfactual twin if
-    possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
+    Each trial is in at most one pair, so that pairs are independent. A variation is paired with its counterfactual twin
+    if possible, otherwise with the first remaining trial of the same scene. Trials without a first grasp attempt, and
     trials in which no object should be grasped first, are excluded.
     """
     groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
@@ -78,7 +78,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 def first_target(trial: TrialDiagnosis) -> str | None:
     """Return a trial's first target: the name of the object or of the empty slot, or None.
 
-    A drawer that is moved for an object is not a first target.
+    A drawer moved for an object is not a first target.
     """
     return trial.first_attempt or trial.first_slot
 
@@ -131,7 +131,7 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
 
 
 def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
-    """Return the tasks in which a policy does not use the instruction, each with the metric that proves it.
+    """Return the tasks in which a policy provably ignores the instruction, each with the metric that proves it.
 
     A proof over all tasks applies to each task whose own pairs do not contradict it. Otherwise a task needs its own
     proof.
@@ -150,12 +150,12 @@ def effect_words(effect: Metric) -> str:
 
 
 def unused_sentence(effect: Metric) -> str:
-    """Return the conclusion if the instruction effect proves that the instruction is not used."""
+    """Return the conclusion that the instruction is not used, if the instruction effect proves it."""
     return f"It does not use the instruction: the first target is the same in {_counted(effect)}."
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return the conclusion of an instruction effect in one sentence: used, not used, or not decided."""
+    """Return a sentence that concludes from an instruction effect: used, not used, or undecided."""
     if effect is None or not effect.n:
         return (
             "This run has no two trials that differ only in the instruction and have different first targets, so "

@@ -1,4 +1,4 @@
-"""Trials in LIBERO: conversion of LIBERO records for the detectors, and the limits of LIBERO's suites.
+"""Diagnosis of LIBERO trials: conversion of their records for the detectors, and the limits of LIBERO's suites.
 
 LIBERO defines no conditions for a task. The instructed objects are read from the goal in the task's file, the training
 distribution from the base suite's files (:mod:`betterbench.tasks.worlds.libero_training`), and the initial positions
@@ -49,7 +49,7 @@ AXES = {
     "task": Axis.PRIMITIVE_RECOMPOSITION,
     "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
 }
-"""Axis of each LIBERO-PRO change; paraphrases of the instruction have no axis."""
+"""Axis of each LIBERO-PRO change; paraphrases of the instruction have none."""
 
 NOTE = (
     "LIBERO's tasks have one training condition each, and most instructions name one object: habits of order, "
@@ -75,11 +75,11 @@ BASE = "base"
 
 @dataclass(frozen=True, slots=True)
 class LiberoRun:
-    """Training distribution and instructions of a run in LIBERO, which its diagnosis needs.
+    """Training distribution and instructions that the diagnosis of a LIBERO run needs.
 
     Attributes:
         trained: Training distribution of the base suite.
-        instructions: Instruction of a trial's task by "TASK/CONDITION".
+        instructions: Instruction by "TASK/CONDITION".
     """
 
     trained: TrainingDistribution
@@ -87,7 +87,7 @@ class LiberoRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> Self:
-        """Return this data from the stored plan of a run."""
+        """Read these data from the stored plan of a run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
@@ -143,7 +143,7 @@ def suite_of(task: str) -> str:
 
 
 def on_our_table(record: Record) -> Record:
-    """Return a record of LIBERO with heights measured from its table and target regions named as in betterbench.
+    """Return a LIBERO record with heights measured from its table and target regions named as in betterbench.
 
     Raises:
         RecordError: If the record names no regions on a table.
@@ -242,7 +242,7 @@ def _trace(record: Record, condition: Condition, trained: TrainingDistribution) 
 
 
 def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
-    """Return the regions from which the base suite picked objects; closing points are unknown."""
+    """Return the regions from which objects are picked in the base suite; the closing points are unknown."""
     names = {slot for slots in trained.kind_slots.values() for slot in slots}
     at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
     return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())
@@ -270,7 +270,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
 
 
 def _joint_unmet(record: Record) -> tuple[Label, Evidence]:
-    """Return the label for a task that moves a joint and does not reach its goal."""
+    """Return the label for a failed task whose goal moves a joint."""
     end = float(record.time[-1])
     text = (
         f"The goal {', '.join(record.metadata.subgoal_names)} is not met at the step limit. Part of the goal moves a "
@@ -287,7 +287,7 @@ def by_outcome(
     axis: str | None,
     condition: str = BASE,
 ) -> TrialDiagnosis:
-    """Return a diagnosis from the end of a trial alone; ``unmet`` is a trial's label without success."""
+    """Return a diagnosis from the outcome of a trial alone; ``unmet`` is its label if it did not succeed."""
     m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
     if outcome.success:
         label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)

@@ -1,4 +1,4 @@
-"""Readers for run records, one per kind of world: readings, task groups, and notes on the trials."""
+"""Readers of run records, one per kind of world, with task groups and notes about the trials."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Reader(Protocol):
         """Return the diagnosis of a planned trial that has no record."""
 
     def group(self, task: str) -> str:
-        """Return the group for judging a policy's rules: the task, or a suite of one-instruction tasks."""
+        """Return the group in which a policy's rules are judged: the task, or a suite of one-instruction tasks."""
 
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return notes about the world of a run."""
@@ -56,7 +56,7 @@ class Reader(Protocol):
 
 
 class OwnReader:
-    """Reader of runs in betterbench's own scenes; tasks define the conditions and training distributions."""
+    """Reader of runs in betterbench's own scenes, whose tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
     twins_cure = "run their training conditions with the same seeds"
@@ -117,7 +117,7 @@ class LiberoReader(libero.LiberoRun):
 
 @dataclass(frozen=True, slots=True)
 class OutcomeReader:
-    """Reader for runs in a world in which only the end of each trial is judged.
+    """Reader of runs in a world in which only the outcome of each trial is judged.
 
     Attributes:
         title: World name in messages.

@@ -1,4 +1,4 @@
-"""Likelihood of a policy's first attempts under each rule that the policy may follow.
+"""Likelihood of a policy's first attempts under each candidate rule.
 
 A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise
 it goes to a right slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate and
@@ -21,7 +21,7 @@ from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
-"""Rules that begin with the step after the due one, or with the last step."""
+"""Rules of beginning with the step after the due one, or with the last step."""
 
 ROUNDING = 1e-9
 """Largest difference of two equal costs [nats]."""
@@ -41,7 +41,7 @@ class PolicyRule:
         strength: The best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
         opportunities: Number of trials in which the rule predicts a wrong first attempt.
-        errors_elsewhere: Number of wrong first attempts in trials in which the rule predicts a right first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a right one.
         elsewhere: Number of trials in which the rule predicts a right first attempt.
     """
 
@@ -113,7 +113,7 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         cost=price - float(log_likelihoods[best]),
         strength=float(_STRENGTHS[best]),
         explained=explained,
-        # If a rule predicts several slots, a wrong attempt may follow it although a right slot was also predicted.
+        # If a rule predicts several slots, a wrong attempt may follow the rule although it also predicted a right slot.
         opportunities=max(len(predicting) - len(elsewhere), explained),
         errors_elsewhere=sum(not c.correct and not fits(rule, c) for c in elsewhere),
         elsewhere=len(elsewhere),
@@ -134,7 +134,7 @@ def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
 
 
 def undirected_probability(choice: Choice, error_rate: float) -> float:
-    """Return the probability of a first attempt for a policy that errs at a given rate, uniformly over wrong slots."""
+    """Return the probability of a first attempt for a policy that errs at a given rate, uniformly among wrong slots."""
     return 1.0 - error_rate if choice.correct else error_rate / max(1, choice.places - len(choice.right))
 
 

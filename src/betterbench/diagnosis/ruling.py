@@ -1,4 +1,4 @@
-"""Rulings: conclusions about one trial from all trials of the same policy (the second pass of the diagnosis)."""
+"""Rulings of the second pass: conclusions about one trial from all trials of the policy."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confusion"
-"""Kinds of rule that can explain a wrong first attempt; confusion is the absence of a rule."""
+"""Kinds of rule that can explain a wrong first attempt; confusion means that there is no rule."""
 
 RuleStatus = Literal["upheld", "rejected", "open"]
-"""Status of a rule for a trial: explains it, does not explain it, or is not distinguishable from another rule."""
+"""Status of a rule for a trial: it explains the trial, does not explain it, or cannot be distinguished from another
+rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,4 +36,4 @@ class Ruling:
 
 
 ALONE = Ruling("open", "open")
-"""The ruling on a trial that cannot be compared with other trials."""
+"""Ruling on a trial that cannot be compared with other trials."""

@@ -1,4 +1,4 @@
-"""Run diagnosis: each planned trial by itself, then all trials together (second pass), then findings."""
+"""Diagnosis of a run: each planned trial by itself, then all trials together (second pass), then findings."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from betterbench.tasks.labels import Label
 
 @dataclass(slots=True)
 class _Trials:
-    """The planned trials of a run, with the records read so far.
+    """Planned trials of a run, with the records read so far.
 
     Attributes:
         plan: The counted trials, in plan order.
@@ -75,8 +75,8 @@ def diagnose_run(
 
     While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
     process is writing any more, these trials are unfinished: they are in the denominator of every rate over planned
-    trials, but are not a failure of any kind. In a run until decided, this applies to the current round; trials that
-    the verdicts made unnecessary are left out.
+    trials, but are not a failure of any kind. In a run with ``--until-decided``, this applies to the current round;
+    trials made unnecessary by verdicts are left out.
 
     Args:
         folder: The run, or its folder.
@@ -137,10 +137,7 @@ def _read_one(run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordV
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, reader: Reader) -> None:
-    """Add the twins of the planned trials, read from ``run``, a run of the base suite.
-
-    The run under diagnosis does not contain them.
-    """
+    """Add the twins of the planned trials, which are read from ``run``, a run of the base suite."""
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
@@ -176,7 +173,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note for each time that a run was continued although its policy had changed."""
+    """Yield a note for each resumption of the run with a changed policy."""
     changes = context.get("policy_changes", [])
     for change in changes if isinstance(changes, list) else []:
         if isinstance(change, dict):
@@ -211,7 +208,7 @@ _PLAN = TypeAdapter(_PlanForm)
 
 
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
-    """Return the policy, the planned trials and, for a run until decided, the stopping rule.
+    """Return the policy, the planned trials and, for a run with ``--until-decided``, the stopping rule.
 
     Raises:
         RecordError: If the plan lacks them or they are malformed.
@@ -292,8 +289,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial whose policy does not use the instruction.
 
-    A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
-    attempt at its task's favorite place, unless the place is the deciding cue over all tasks.
+    A wrong first attempt without an explaining rule is then attributed to ignoring the instruction. The same applies to
+    an attempt at the favorite place of its task, unless the place is the deciding cue over all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial
@@ -324,7 +321,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Return the label of an unexplained wrong first attempt as not depending on the instruction."""
+    """Relabel an unexplained wrong first attempt as independent of the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

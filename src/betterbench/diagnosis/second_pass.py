@@ -41,7 +41,7 @@ from betterbench.diagnosis.thresholds import CLEARLY, ONE_ATTEMPT, ORDER_TRIALS,
 from betterbench.diagnosis.trial import Choice
 
 _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
-"""Variants of "mistakes the order": begins with any later step, with the next, or with the last."""
+"""Variants of "mistakes the order": begin with any later step, with the next, or with the last."""
 
 _PSEUDOCOUNT = 0.5
 """Prior count of tasks explained by each kind of rule: Jeffreys' prior for a multinomial."""
@@ -76,9 +76,9 @@ def _in_favor_of(usual: str, prior_costs: Mapping[str, float]) -> dict[str, floa
 def _proven_elsewhere(
     task: str, choices: _Attempts, alone: Mapping[str, TaskRules], prior_costs: Mapping[str, float]
 ) -> list[str]:
-    """Return the kinds of rule that the other tasks have proven for the policy.
+    """Return the kinds of rule proven for the policy by the other tasks.
 
-    Favorite places and mistaken orders need proofs in enough other tasks. The word needs to be the rule of all other
+    Favorite places and mistaken orders must be proven in enough other tasks; the word must be the rule of all other
     tasks together.
     """
     others = [found for name, found in alone.items() if name != task]
@@ -117,7 +117,7 @@ def mistakes_order(choices: _Attempts, alone: Mapping[str, TaskRules]) -> bool:
     if too_early < ORDER_TRIALS:
         return False
     costs = (sum(fit_rule(rule, attempts, 0.0).cost for attempts in wrong_tasks.values()) for rule in _ORDER_RULES)
-    order = min(costs) + math.log(len(_ORDER_RULES))  # the cost of choosing among them
+    order = min(costs) + math.log(len(_ORDER_RULES))  # the cost of choosing among the variants
     tasks = [alone[task] for task in wrong_tasks]
     return order <= min(_total_cost(family, tasks) for family in (WORD, PLACE, CONFUSION)) + ROUNDING
 

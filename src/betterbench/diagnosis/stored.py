@@ -28,7 +28,7 @@ _CURE = "Restore the file, or move it elsewhere and store a new diagnosis"
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
-    """Stored form of one grasp attempt: its start [s], its object and its result."""
+    """Stored grasp attempt: its start [s], object and result."""
 
     start_s: float
     object: str | None
@@ -42,10 +42,10 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
-    """Stored form of one trial's diagnosis.
+    """Stored diagnosis of one trial.
 
     Attributes:
-        label: The outcome, under the label names of the version that wrote it.
+        label: Outcome label, in the naming of the version that wrote it.
         candidates: Labels that the trial alone could not distinguish.
         has_record: Whether the trial had a record.
     """
@@ -107,7 +107,7 @@ class StoredDiagnosis:
 
     @classmethod
     def of(cls, diagnosis: RunDiagnosis) -> StoredDiagnosis:
-        """Return the stored form of a new diagnosis."""
+        """Convert a new diagnosis to its stored form."""
         return cls.from_json(dump_json(_stored_form(diagnosis)), where="diagnosis")
 
     @classmethod

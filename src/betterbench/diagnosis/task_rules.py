@@ -1,4 +1,4 @@
-"""Policy rules in one task: fitting, comparison with confusion, and a ruling for each trial.
+"""Rules of a policy in one task: fit, comparison with confusion, and a ruling for each trial.
 
 A rule is upheld if it costs less than confusion, the null hypothesis of undirected errors. This is a likelihood-ratio
 test with a penalty for choosing the rule. A favorite place also needs a pair of trials with different instructions that
@@ -29,7 +29,7 @@ class TaskRules:
     """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
 
     Attributes:
-        rules: All rules, the cheapest first; rules with equal cost are in the order word, habit, later, place.
+        rules: All rules, cheapest first; ties are in the order word, habit, later, place.
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and distinguishable from similar rules.
         rulings: Ruling on each trial, by its key.
@@ -91,7 +91,7 @@ def judge_rules(
 
 
 def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[PolicyRule]:
-    """Return the rules that explain any wrong first attempt, the cheapest first; earlier names win at equal cost."""
+    """Return the rules that explain any wrong first attempt, cheapest first; earlier names come first in ties."""
     slots = sorted({c.slot for c in attempts if c.slot is not None})
     favorites = {(c.stocked, slot) for c in attempts for slot in c.favorite_slots}
     several = [PLACE] if len({slot for _, slot in favorites}) > 1 else []
@@ -102,10 +102,10 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 
 
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
-    """Return the cost of a rule apart from its likelihood [nats].
+    """Return the prior cost of a rule, without its likelihood [nats].
 
-    The slots of a place rule are fitted to the trials, so each slot adds the cost of choosing among all slots. Training
-    fixes the other rules completely.
+    The slots of a place rule are fitted to the trials, so each adds the cost of choosing among all slots. The other
+    rules are completely determined by training.
     """
     if name in (WORD, HABIT, LATER):
         return prior[name]
@@ -120,7 +120,7 @@ def _choice_of_slot(attempts: Sequence[Choice]) -> float:
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the names of the upheld rules: cheaper than confusion, and distinguishable from similar rules."""
+    """Return the upheld rules, which are cheaper than confusion and distinguishable from similar rules."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:
@@ -153,7 +153,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Return the choices with their possible favorite slot, the most frequent one per set of occupied slots.
+    """Return the choices with their possible favorite slot: the most frequent one for each set of occupied slots.
 
     With ``paired``, a slot counts only if a pair of trials shows that the policy favors it regardless of the
     instruction.
@@ -177,8 +177,8 @@ def _open_slots(
 ) -> frozenset[str]:
     """Return the slots that may be favorites although the trials do not prove it.
 
-    Without the penalty, such a slot is more likely than confusion, but there are too few trials to prove even a policy
-    that always goes there.
+    Without the penalty, such a slot is more likely than confusion, but the trials are too few to prove the rule even
+    for a policy that always goes there.
     """
     price = _choice_of_slot(attempts) + prior[PLACE]
     found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
@@ -188,16 +188,16 @@ def _open_slots(
 
 
 def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
-    """Return whether these trials would prove a policy that always goes to a slot."""
+    """Return whether these trials would prove the rule for a policy that always goes to a slot."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
     rule = fit_rule(place_rule(slot), certain, price)
     return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
 
 
 def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
-    """Return whether the habit is clearly worse than confusion, because the policy errs where the habit is right.
+    """Return whether the habit is clearly worse than confusion, because the policy errs where the habit would be right.
 
-    One trial suffices to show a habit, so two contrary trials and most trials of this form are required.
+    One trial suffices to show a habit, so rejecting it requires two contrary trials and most trials of this kind.
     """
     habit = next((rule for rule in rules if rule.name == HABIT), None)
     if habit is None or habit.cost - confusion < CLEARLY:
@@ -207,7 +207,7 @@ def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """Task rules, applied to its trials.
+    """Rules of a task, applied to its trials.
 
     Attributes:
         attempts: All first attempts.
@@ -254,7 +254,7 @@ class _Judged:
         return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the habit
 
     def _word_is_told_from(self, slot: str) -> bool:
-        """Return whether the trials distinguish "the word leads there" from "always this slot"."""
+        """Return whether the trials can distinguish "the word leads there" from "always this slot"."""
         if self.word_known:
             return True
         place = place_rule(slot)

@@ -1,6 +1,6 @@
-"""Thresholds used only by the diagnosis, each with its unit, its reason and the effect of changing it.
+"""Thresholds used only by the diagnosis, each with its unit, its reason and the effect of increasing it.
 
-Thresholds that live judging uses too (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
+Thresholds shared with live judging (goal tracker, grasp attempts, harm) are in :mod:`betterbench.tasks.thresholds`,
 together with the thresholds for halts, falls, collisions and slips that every run lists in its conventions. A
 relation's tolerance is in the relation file.
 

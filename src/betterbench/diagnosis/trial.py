@@ -1,4 +1,4 @@
-"""Diagnosis of one trial from its record alone (first pass), and its contribution to the second pass."""
+"""First pass: the diagnosis of one trial from its record alone, and its input to the second pass."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class Choice:
         right: Slots at which the first attempt would have been right; empty if no object must be grasped.
         slot: Slot of the first attempt, or None if no attempt was made and none was right.
         correct: Whether the first attempt (or its absence) was right.
-        word_slots: Slots to which the word led in training.
+        word_slots: Slots from which the word's object was picked in training.
         habit_slots: Slots of the most frequent first step; empty if training has none.
         later_slots: Slots of later steps' objects; empty if the order is free.
         step_slots: Slots of each later step's objects separately, in order.
         places: Number of slots at which something could be grasped.
-        thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
+        thing: Kind of the object in the slot of the first attempt, or empty.
         color: That object's color.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
         favorite_slots: Slot that the policy may favor in trials with the same occupied slots; set by the second pass.
@@ -162,7 +162,7 @@ def trial_diagnosis(
 
 
 def offline_truth(record: Record) -> list[Truth]:
-    """Judge every state in a record again with the goal tracker used for live judgment.
+    """Judge every state of a record again with the goal tracker of live judging.
 
     Returns:
         One goal state per row; its subgoal, goal and forbidden flags equal the recorded flags exactly.
@@ -180,7 +180,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return an episode's grasp attempts and its closings far from all objects, in time order."""
+    """Return the grasp attempts of an episode, including closings far from all objects, in time order."""
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
@@ -191,7 +191,7 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
 def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     """Return the first attempt as a choice.
 
-    Returns None if there is none, or for look-alikes, which have their own label.
+    Returns None without an attempt, or for look-alikes, which have their own label.
     """
     trace, trained = episode.trace, episode.trained
     standing = dict(_standing_at_start(episode))

@@ -1,4 +1,4 @@
-"""Runs until decided: their verdicts, and the trials that were selected independently of outcomes."""
+"""Runs with ``--until-decided``: their verdicts, and the trials selected independently of outcomes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """Stopping rule for a run that adds trials to a variation until its verdict is certain, and its decisions.
+    """Stopping rule of a run that adds trials to a variation until its verdict is certain, with the decisions so far.
 
     Attributes:
         rule: Rule by which a variation is decided.
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the meaning of the verdicts and rates."""
+        """Return notes that explain the verdicts and rates."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
@@ -81,7 +81,7 @@ class UntilDecided:
 
 
 def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[TrialId], bool | None]) -> UntilDecided:
-    """Return the rule and the decisions of a run until decided.
+    """Return the rule and the decisions of a run with ``--until-decided``.
 
     Args:
         rule: Rule by which a variation is decided.

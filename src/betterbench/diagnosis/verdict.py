@@ -1,4 +1,4 @@
-"""Results of the diagnosis per trial and for a complete run, as plain values with a JSON form."""
+"""Results of the diagnosis, per trial and for a complete run, as JSON-serializable values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with its time span, for comparison with the film.
+    """Reason for a label, with the time span at which to look in the film.
 
     Attributes:
         start_s: Beginning of the time span [s].
@@ -35,7 +35,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One grasp attempt, or a gripper closing far from all objects, which has neither object nor slot.
+    """Grasp attempt, or a gripper closing far from all objects, which has neither object nor slot.
 
     Attributes:
         object: Object that was grasped at, or None for an air grasp.
@@ -54,7 +54,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class TrialDiagnosis:
-    """Diagnosis of one trial.
+    """Diagnosis of a single trial.
 
     Attributes:
         variation: Variation name, or None for a training condition.
@@ -65,14 +65,14 @@ class TrialDiagnosis:
             is counted only if the drawer itself is requested first.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object that the first attempt should have been at, or None if no attempt was right. If the attempt was
-            right, its object; else the first of ``intended_any``.
+        intended: Object at which the first attempt should have been, or None if no attempt was right. If the attempt
+            was right, its object; else the first of ``intended_any``.
         intended_kind: Kind of that object.
         intended_any: All objects for which the first attempt would have been right, ordered by subgoal and then by
             slot.
         intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
             record.
-        progress: Number of subgoals completed in a valid order, divided by the number requested.
+        progress: Fraction of the requested subgoals that were completed in a valid order.
         harm: Harm to objects that the instruction does not involve, one clause each ("the mouse lies on the floor").
             Harm rules out success.
         needless: For a success, the training steps that the policy repeated although the instruction did not request
@@ -124,7 +124,7 @@ class TrialDiagnosis:
 
     @property
     def trial_id(self) -> TrialId:
-        """The trial: its task, the variation or training condition, and its seed."""
+        """Identity of the trial: task, variation or training condition, and seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
 
     @property
@@ -137,12 +137,12 @@ class TrialDiagnosis:
 
     @property
     def key(self) -> str:
-        """Text form of the trial ("fast_food/T1/3", "fast_food/train1/3")."""
+        """Text key of the trial ("fast_food/T1/3", "fast_food/train1/3")."""
         return str(self.trial_id)
 
     @property
     def twin_key(self) -> str | None:
-        """Text form of the counterfactual twin, or None on a training condition."""
+        """Text key of the counterfactual twin, or None for a training condition."""
         return None if self.variation is None else str(TrialId(self.task, self.condition, self.seed))
 
     def to_json(self) -> dict[str, Any]:
@@ -192,7 +192,7 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """Run diagnosis: its trials, metrics and findings.
+    """Diagnosis of a run: trials, metrics and findings.
 
     Attributes:
         trials: One entry per counted trial, finished or not, in plan order.
@@ -200,8 +200,8 @@ class RunDiagnosis:
         notes: Run limits, one sentence each (missing pairs, smallest detectable difference).
         waiting: Planned trials that an ongoing run has not reached; they are not counted. Empty if no process writes
             to the run any more: its missing trials are then unfinished ``trials``.
-        until_decided: Verdict on each variation of a run until decided, or None. Trials that its verdicts made
-            unnecessary are left out.
+        until_decided: Verdict on each variation of a run with ``--until-decided``, or None. Trials made unnecessary by
+            verdicts are left out.
         address: Policy address for commands; default: ``policy``.
     """
 
@@ -238,7 +238,7 @@ class RunDiagnosis:
 
     @property
     def shown_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials selected independently of outcomes: all trials, or the first round of a run until decided."""
+        """The trials selected independently of outcomes: all, or the first round of a run with ``--until-decided``."""
         if self.until_decided is None:
             return self.trials
         return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)

@@ -1,4 +1,4 @@
-"""Versions of a run's records, which must not be mixed silently."""
+"""Versions in the records of a run, which must not be mixed silently."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import RunConflictError
 from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
-"""Words in the names of fingerprint parts that legitimately differ between scenes."""
+"""Words that mark fingerprint parts which legitimately differ between scenes."""
 
 
 class RecordVersions:
@@ -46,7 +46,7 @@ class RecordVersions:
                     "Run one of the two again, or allow mixed versions and interpret the results with care."
                 )
             known.setdefault(value, trial)
-        if "simulator" in metadata.engine:  # for a task of another world, each record has the fingerprint
+        if "simulator" in metadata.engine:  # for a task of another world, each record contains the fingerprint
             return
         wanted = resolved_of(metadata).task.version
         if metadata.task_version != wanted and not self._allow_mixed:

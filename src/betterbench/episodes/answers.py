@@ -1,4 +1,4 @@
-"""Questions and replies between an episode and its policy, and handling of a policy's errors."""
+"""Exchange between an episode and its policy: questions, replies, and handling of policy errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """Episode input to its policy.
+    """Input of an episode to its policy.
 
-    A named tuple for speed, like :class:`Reply`, because every control step makes one.
+    Like :class:`Reply`, a named tuple for speed, because every control step creates one.
 
     Attributes:
         seen: The start of the episode (which requests no actions), an observation, or the privileged state.
-        wanted_in: Number of control steps for which the episode can continue without the reply; 0 if it must wait.
+        wanted_in: Number of control steps that the episode can take before it needs the reply; 0 if it must wait.
     """
 
     seen: EpisodeStart | Observation | WorldState
@@ -28,7 +28,7 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """Policy answer, with the answer time.
+    """Answer of a policy, with its latency.
 
     Attributes:
         actions: Answer as an array of any shape and type; empty at the start of an episode.
@@ -67,10 +67,10 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Boundary that turns every exception of a policy into a :class:`PolicyError`, which ends only the trial.
+    """Context manager that turns every exception of a policy into a :class:`PolicyError`, which ends only the trial.
 
-    Two errors that concern the complete run pass unchanged: a server that cannot be reached, and a server with changed
-    conventions. The context manager has no state, so one instance is enough.
+    Two errors that concern the complete run pass unchanged: an unreachable server, and a server whose conventions have
+    changed. It has no state, so one instance is enough.
     """
 
     __slots__ = ()

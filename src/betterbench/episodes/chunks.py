@@ -1,4 +1,4 @@
-"""Action chunks: when to send requests to a policy, and which action to use at each control step."""
+"""Execution of action chunks: when to request a chunk, and which action to use at each control step."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:
-    """Chunk execution: requests chunks and yields the action of each control step.
+    """Executor of action chunks, which requests chunks and yields the action for each control step.
 
-    With ``ahead``, the next chunk is requested while some actions of the old chunk are left. Actions in the reply that
-    belong to steps that have already passed are dropped. The observation for a chunk and the step of each action
-    therefore do not depend on the policy's speed.
+    With ``ahead``, the next chunk is requested while actions of the old chunk remain. Actions in the reply for steps
+    that have already passed are dropped. Neither the observation for a chunk nor the step of an action therefore
+    depends on the policy's speed.
     """
 
     def __init__(
         self, scene: TrialScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
-        """Prepare for one episode, which began at ``began`` on the clock of ``time.perf_counter`` [s]."""
+        """Prepare for one episode, which started at the time ``began`` of ``time.perf_counter`` [s]."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # actions of the next reply to drop, because their steps will have passed
+        self._passing = 0  # number of actions to drop from the next reply, because their steps will have passed
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
@@ -42,7 +42,7 @@ class Chunks:
         self._world_steps: dict[bool, list[float]] = {
             False: [],
             True: [],
-        }  # step times of scenes that draw during steps, by whether the step drew
+        }  # step times in scenes that render during steps, by whether the step rendered
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -51,7 +51,7 @@ class Chunks:
         yield from self._pause(Question(start))
 
     def begin_again(self) -> Generator[Question | None, Reply | None, None]:
-        """Send the policy its next instruction, and drop its answers to the last instruction."""
+        """Send the policy its next instruction, and drop its answers to the previous one."""
         if self._asked:
             yield from self._pause(None)
         self._asked, self._views = False, None
@@ -62,9 +62,10 @@ class Chunks:
     def next(
         self, state: WorldState, privileged: PrivilegedPolicy | None = None
     ) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to execute now; raise InvalidActionError if an answer is not an array of actions.
+        """Return the action to execute now.
 
-        A ``privileged`` policy answers in this thread, and nothing is yielded.
+        Raises InvalidActionError if an answer is not an array of actions. A ``privileged`` policy answers in this
+        thread, so nothing is yielded.
         """
         if privileged is not None:
             return self._next_of(privileged, state)
@@ -95,9 +96,9 @@ class Chunks:
         return self._queue.popleft()
 
     def look(self, step: int) -> None:
-        """Render the images for the next request, if it follows immediately, before other uses of the state.
+        """Render the images for the next request, if it is due, before the state is used otherwise.
 
-        Rendering empties the CPU's caches; in this order, they are filled only once before the next action.
+        Rendering evicts the CPU caches; in this order, they are refilled only once before the next action.
         """
         if self.looks_at(step):
             began = time.perf_counter()
@@ -105,19 +106,19 @@ class Chunks:
             self._observe_s += time.perf_counter() - began
 
     def looks_at(self, step: int) -> bool:
-        """Return whether the policy will be called at a step, after the current action."""
+        """Return whether the policy will be called at a step after the current action."""
         if self._observer is None:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Record how long a step took in a scene that draws during steps [s], and whether the step drew."""
+        """Record the duration of a step in a scene that renders during steps [s], and whether the step rendered."""
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return the drawing time during steps [s]: the extra time of steps with images over steps without.
+        """Return the rendering time during steps [s]: the extra time of steps with images over steps without.
 
-        The result is 0 if every step had images, because the parts cannot be separated then.
+        The result is 0 if every step had images, because the two cannot be separated then.
         """
         plain, drawn = self._world_steps[False], self._world_steps[True]
         return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
@@ -139,12 +140,12 @@ class Chunks:
         }
 
     def _asks_ahead(self, step: int) -> bool:
-        """Return whether to request the next chunk while the queue is executed, or False if it will not be needed."""
+        """Return whether to request the next chunk while the queue is executed; False if it will not be needed."""
         left = len(self._queue)
         return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
 
     def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
-        """Yield, and exclude the time until the reply from the simulation time."""
+        """Yield, and exclude the waiting time from the simulation time."""
         self._simulation_s += time.perf_counter() - self._resumed
         try:
             return (yield question)
@@ -169,7 +170,7 @@ class Chunks:
         return reply.actions
 
     def _queue_up(self, answer: np.ndarray, passed: int) -> None:
-        """Queue the actions of a reply, without the first ``passed``."""
+        """Queue the actions of a reply, except the first ``passed`` ones."""
         queue = self._queue
         chunk = checked_chunk(answer, self._scene.action_space)
         horizon = self._limit if self._execution.horizon is None else self._execution.horizon
@@ -182,7 +183,7 @@ class Chunks:
             raise InvalidActionError(msg)
 
     def _mean(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Call the policy, and return the weighted mean of all predictions for this step."""
+        """Call the policy, and return the weighted mean of all its predictions for this step."""
         space, predictions, step = self._scene.action_space, self._predictions, state.step
         answer = self._answered((yield from self._pause(Question(self._see(state)))))
         predictions.append((step, checked_chunk(answer, space)))

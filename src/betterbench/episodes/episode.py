@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """Episode result: record, wall-clock times and states.
+    """Result of an episode: record, wall-clock times and states.
 
     Attributes:
         record: The privileged record, a pure function of trial and policy.
@@ -46,18 +46,17 @@ class EpisodeResult:
 
 
 _LONGEST_BLOCK = 20
-"""Maximum number of states judged at once, which bounds the time of a control step."""
+"""Maximum number of states judged at once, which bounds the duration of a control step."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""Episode as a generator that yields questions to its policy.
-
-If a question can wait (``wanted_in`` > 0), None is sent back at once, and the reply when the episode yields None. A
+"""Episode as a generator that yields questions to its policy. For a question that can wait (``wanted_in`` > 0), None is
+sent immediately, and the reply when the episode yields None. If the policy fails, a
 :class:`~betterbench.errors.PolicyError` is thrown in instead of a reply."""
 
 _PLAIN = Execution()
 
 Disturbance = Callable[[np.ndarray], np.ndarray]
-"""Function from an action to the executed action, for demonstrations whose label is the action without noise."""
+"""Function from an action to the executed action, for demonstrations labeled with the noise-free action."""
 
 
 def run_episode(
@@ -112,7 +111,7 @@ def run_episode(
             return result
         finally:
             steps.close()
-            outcome = kept = None  # an error refers to this frame, which would keep the scene in memory
+            outcome = kept = None  # an error references this frame, which would keep the scene in memory
 
 
 def episode_steps(
@@ -127,9 +126,9 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from reset to its end, and yield whenever the policy must answer.
 
-    One thread can thus interleave many episodes. The result does not depend on an answer's duration. Without an
-    observer, the policy gets the privileged state; ``privileged`` is then called here, and nothing is yielded. Yields a
-    question, or None if the reply to the last question is needed now.
+    One thread can thus interleave many episodes. The result does not depend on how long answers take. Without an
+    observer, the policy gets the privileged state: ``privileged`` is then called here, and nothing is yielded. Yields a
+    question, or None when the reply to the last question is needed.
 
     Raises:
         PremiseError: If the scene contradicts the instruction's premise.
@@ -175,7 +174,7 @@ def episode_steps(
 
 
 def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
-    """Take the control step that leads to ``step`` in a scene that draws during the step."""
+    """Take the control step that leads to ``step`` in a scene that renders during the step."""
     drawn = chunks.looks_at(step)
     scene.draw_next(wanted=drawn)
     began = time.perf_counter()
@@ -185,13 +184,12 @@ def _drawing_step(scene: TrialScene, chunks: Chunks, action: np.ndarray, step: i
 
 
 class _Judge:
-    """Recorder and judge for an episode, in blocks of states that end before the episode can succeed.
+    """Recorder and judge of an episode, which processes states in blocks that end before the episode can succeed.
 
     Between two physics steps, the CPU's caches are cold, and judging a single state takes two to three times as
-    long per state as judging several. A goal must hold for some time, so the episode never depends on a state in the
-    current block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block, three tasks): the
-    loop takes 1.15 to 1.16 times as long as the bare physics, and 1.21 to 1.32 times if every state is judged
-    immediately.
+    long per state as judging several. A goal must hold for some time, so no decision depends on a state in the current
+    block. Measured by ``make bench ARGS="--only step"`` (2026-11-26, minimum time per block, three tasks): the loop
+    takes 1.15 to 1.16 times as long as the bare physics, and 1.21 to 1.32 times if every state is judged immediately.
     """
 
     def __init__(self, tracker: Tracker, builder: RecordBuilder, scene: TrialScene) -> None:

@@ -1,4 +1,4 @@
-"""Every task as a Gymnasium environment: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")``."""
+"""Gymnasium environment for every task: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")``."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _BOUNDS = {
     "ee_quaternion": (4, 1.0 + 1e-9),
     "gripper_width": (1, 0.2),
 }
-"""Size (None: the number of arm joints) and bound of each measurement, wider than all possible values: the robots'
-joint limits are within 3.8 rad and 3 rad/s, their reach is within 1.2 m, and their grippers open by 0.1 m.
+"""Size (None for the number of arm joints) and bound of each measurement. The bounds exceed all possible values: joint
+limits are within 3.8 rad and 3 rad/s, the reach is within 1.2 m, and grippers open by 0.1 m.
 """
 
 
@@ -92,7 +92,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """Robot instruction; in a vector environment, use ``envs.get_attr("instruction")``."""
+        """Instruction for the robot; in a vector environment, use ``envs.get_attr("instruction")``."""
         return self._condition.instruction.text
 
     @property

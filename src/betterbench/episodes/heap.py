@@ -1,4 +1,4 @@
-"""Less frequent garbage collection during an episode, on objects created in the episode only."""
+"""Garbage collection during an episode: less frequent, and restricted to objects created in the episode."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _YOUNG_OBJECTS = 20_000
-"""Number of new objects before a collection during an episode, whose states make about 10 per step."""
+"""Number of new objects that triggers a collection during an episode, whose states create about 10 per step."""
 
 
 class _Heap:
-    """Garbage collector state of this process, and the number of callers inside :func:`settled_heap`."""
+    """State of this process's garbage collector, and number of callers inside :func:`settled_heap`."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -49,7 +49,7 @@ _HEAP = _Heap()
 
 @contextmanager
 def settled_heap() -> Iterator[None]:
-    """Exclude objects from before an episode from garbage collection, and collect rarely.
+    """Exclude objects created before an episode from garbage collection, and collect rarely.
 
     A full collection takes about 10 ms for a run's modules and assets, as long as a control step with images, and up to
     2 ms for an episode's states, which are not garbage. Over an episode of recorded actions, a control step takes 0.789

@@ -1,7 +1,7 @@
-"""Lazy vector environments, which open their environments at a reset, one vector environment of a group at a time.
+"""Lazy vector environments: environments are created at reset, for one vector environment of a group at a time.
 
 LeRobot makes the vector environments of all conditions before the first episode, but uses one at a time. Each
-environment that was reset has a scene of about 25 MB and, in a separate process, an interpreter.
+environment that was reset holds a scene of about 25 MB and, in a separate process, an interpreter.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Factory = Callable[[], TaskEnv]
 
 
 class ActiveEnv:
-    """Group of vector environments in which only one has open environments."""
+    """Group of vector environments, only one of which has open environments at a time."""
 
     def __init__(self) -> None:
         self._active: _LazyVectorEnv | None = None
@@ -31,7 +31,7 @@ class ActiveEnv:
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """Base class of both vector environments, which opens its environments at the first reset after a close."""
+    """Base class of both vector environments; opens the environments at the first reset after a close."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
         """Prepare; ``group`` is the group of the vector environment."""
@@ -66,7 +66,7 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Environments in separate processes; ``stand_ins`` in this process are for code that reads ``envs``."""
+    """Environments in separate processes; ``stand_ins`` in this process serve code that reads ``envs``."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
         super().__init__(make, group)

@@ -25,7 +25,7 @@ ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
 """Gymnasium id of these environments, made without wrappers."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality")
-"""Options of a configuration other than its task, by their names in :class:`LeRobotTaskEnv`."""
+"""Configuration options except the task, by their names in :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,

@@ -1,4 +1,4 @@
-"""Every task as an environment for LeRobot, with its observation keys and attributes."""
+"""Environment for LeRobot for every task, with LeRobot's observation keys and attributes."""
 
 from __future__ import annotations
 

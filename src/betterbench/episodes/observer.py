@@ -42,7 +42,7 @@ def observation_of(
 
 
 class Observer:
-    """Maker of observations; it caches renderers by model, because making a renderer takes tens of milliseconds."""
+    """Source of observations. Renderers are cached by model, because creating one takes tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
         """Prepare; ``renderers`` is the maximum number of cached renderers, one per model."""

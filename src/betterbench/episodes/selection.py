@@ -1,4 +1,4 @@
-"""Selection of conditions by name, for external loops."""
+"""Selection of conditions by name, for evaluation loops outside betterbench."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks.interventions import condition_names, resolve_condition
 
 
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
-    """Return the conditions that a list of names selects, each once, as pairs of task and condition.
+    """Return the conditions selected by a list of names, without duplicates, as pairs of task and condition.
 
     A task selects all its conditions, "task/condition" a single condition. A text may contain several names, separated
     by commas. Without names, all conditions of better60 are selected. Raises UnknownNameError for an unknown name.

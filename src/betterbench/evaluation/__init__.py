@@ -1,4 +1,4 @@
-"""Evaluation: workers run a plan's trials and write a folder from which the same command resumes.
+"""Evaluation: workers run the trials of a plan and write a run folder, from which the same command resumes.
 
 The packages, from the bottom up: ``planning`` (plan and manifest of a run), ``trials`` (one trial in one process),
 ``workers`` (local worker processes), ``serving`` (policies behind the openpi protocol), ``ray_engine`` (workers on a

@@ -1,12 +1,12 @@
-"""From a sentence to a certified task.
+"""Generation of certified tasks from templates and sentences.
 
 - ``scenario``: a filled-in template: name, instruction, context, and described objects for each group.
-- ``scenario_form``: the JSON form of scenarios. ``sense``, ``instruction_sense``: checks beyond the form, with nouns of
+- ``scenario_form``: scenarios as JSON. ``sense``, ``instruction_sense``: plausibility checks, with the nouns of
   ``vocabulary``.
-- ``grammar``: the offline author of scenarios. ``choosing``: template and objects from a sentence.
+- ``grammar``: the offline author of scenarios. ``choosing``: choice of template and objects for a sentence.
 - ``asking``: scenarios by a language model, with corrections and stored exchanges.
-- ``folder``: a folder of scenarios, as ``better generate`` writes it.
-- ``cast``: a scenario with an object of the library for each description.
+- ``folder``: the scenario folder written by ``better generate``.
+- ``cast``: a scenario with a library object for each description.
 - ``patterns``: one file per template, which turns a cast into a task with training conditions and variations.
 - ``better_release``: import and audit of tasks in the format of the BeTTER release.
 """

@@ -1,4 +1,4 @@
-"""Casts: scenarios with an object of the asset library for each description."""
+"""Casts: scenarios in which each description has an object of the asset library."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ class Cast:
             and unique in the cast ("red mug" if there is a blue one too, otherwise "mug").
         look_alikes: For each item by name: distractors of another category that share its color or its shape, the most
             similar first. Their names and kinds are unique too.
-        seed: Seed of all choices that the descriptions leave open.
+        seed: Seed for all choices left open by the descriptions.
     """
 
     scenario: Scenario

@@ -1,4 +1,4 @@
-"""Scenarios for a sentence without a model: words determine the template, and nouns of the grammar the objects."""
+"""Scenarios for a sentence without a model: its words select the template, and its nouns the objects."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LEAST_SCORE = 2
-"""Smallest sum of the weights of the words for a chosen template."""
+"""Minimum total word weight for a template to be chosen."""
 
 
 def _weighted(*, decides: str = "", hints: str) -> dict[str, int]:
@@ -57,7 +57,7 @@ WEIGHTS: dict[str, dict[str, int]] = {
     "precision_insertion": _weighted(decides="rack hole", hints="insert jar spice salt pepper paprika"),
     "recursive_stacking": _weighted(hints="stack pile plate dish"),
 }
-"""Words that decide for each template, in the singular, with their weights. A word counts each time that it occurs."""
+"""Singular words that indicate each template, with their weights. Every occurrence of a word counts."""
 
 _SYNONYMS: dict[str, str] = {
     "apple": "apple",
@@ -116,7 +116,7 @@ _SPECIFIC = {
     "recursive_stacking": "stack pile collect gather clear",
 }
 _VERBS_OF = {name: frozenset(f"{_SAME_FOR_ALL} {verbs}".split()) for name, verbs in _SPECIFIC.items()}
-"""Verbs that mean exactly the goal of each template."""
+"""Verbs that fully express the goal of each template."""
 _PLAIN_WORDS_WORDS = """
 i you we he she me us them they it s to and there here now please just so too also then
 """
@@ -129,7 +129,7 @@ class Chosen:
     """Scenarios from a sentence.
 
     Attributes:
-        reworded: Reason why the instruction has the grammar's wording; empty if the sentence is the instruction.
+        reworded: Reason why the grammar's wording is used as the instruction; empty if the sentence itself is used.
     """
 
     template: str
@@ -161,9 +161,9 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 
 
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
-    """Return a scenario whose groups begin with the objects of a sentence, in the order of the sentence.
+    """Return a scenario whose groups begin with the objects of a sentence, in their order.
 
-    The first training condition is then about the objects that are named first. A top bun stays on top.
+    The first training condition then concerns the objects named first. A top bun stays on top.
     """
     groups = dict(scenario.groups)
     moved = [group.group_id for group in TEMPLATES[scenario.template].groups if group.role == "item"]
@@ -180,15 +180,15 @@ def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
 
 
 def _kind(described: DescribedObject) -> Kind:
-    """Return category and color of an object that the grammar described."""
+    """Return the category and color of an object described by the grammar."""
     category, color = described.tags
     return category.replace(" ", "_"), color
 
 
 def checked_sentence(sentence: str) -> str:
-    """Return a sentence with single spaces, a capital letter, and a period at the end, also for an exclamation mark.
+    """Normalize a sentence: single spaces, a capital letter, and a final period.
 
-    A "please" at its beginning is left out.
+    An exclamation mark becomes a period, and a "please" at the beginning is removed.
 
     Raises:
         InvalidInputError: If it is empty or too long, or has other characters than letters and plain punctuation.
@@ -207,7 +207,7 @@ def checked_sentence(sentence: str) -> str:
 
 
 def choose_template(sentence: str) -> str:
-    """Return the template whose words occur in a sentence.
+    """Return the template indicated by the words of a sentence.
 
     Raises:
         InvalidInputError: If no template, or several, fit; the message names the closest.
@@ -228,7 +228,7 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects that a sentence names, with the kinds of the library that the nouns may mean.
+    """Return the objects named in a sentence, with the library kinds to which the nouns may refer.
 
     Raises:
         InvalidInputError: If an object, or an object of a color, is not in the library's vocabulary of the template.
@@ -256,14 +256,14 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
 
 
 def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
-    """Return a plate that is put on another, without the widest kinds: "the red plate" before "on the blue plate"."""
+    """Return a plate that is put on another ("the red plate" before "on the blue plate"), without the widest kinds."""
     kinds = tuple(kind for kind in want.kinds if kind[0] != "serving_plate")
     stays = {"on", "onto", "of"} & set(tokens[max(0, at - 3) : at])
     return want if stays or not kinds else replace(want, kinds=kinds)
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for an uninterpreted word, which may require more than the objects of the scenario."""
+    """Raise InvalidInputError for an uninterpreted word, which may imply a requirement that is not met."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()
@@ -292,7 +292,7 @@ _EXAMPLES = {
 
 
 def _require_nouns(tokens: list[str]) -> None:
-    """Raise InvalidInputError for a color with "one" in place of a noun: the object that it means is not looked up."""
+    """Raise InvalidInputError for a color with "one" in place of a noun, because such references are not resolved."""
     color = next((color for color, one in itertools.pairwise(tokens) if color in COLORS and one == "one"), "")
     if color:
         cure = f"Write the noun after the color, as in 'the {color} plate'"
@@ -300,7 +300,7 @@ def _require_nouns(tokens: list[str]) -> None:
 
 
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
-    """Return the wanted objects of one noun: several if a number is before it, and two for a plural without one."""
+    """Return the wanted objects for one noun: as many as the number before it, or two for a plural without a number."""
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)
     if not kinds:
@@ -318,7 +318,10 @@ def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], p
 
 @functools.cache
 def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
-    """Return the kinds that each noun may mean, with their groups. The usual noun of a category goes before others."""
+    """Return the kinds to which each noun may refer, with their groups.
+
+    The usual noun of a category takes precedence.
+    """
     exact: dict[tuple[str, ...], dict[Kind, str]] = {}
     other: dict[tuple[str, ...], dict[Kind, str]] = {}
     grammar = grammar_of(template)
@@ -327,7 +330,7 @@ def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
         for category, color in (kind for pool in pools for c in pool.categories for kind in pool.kinds(c)):
             short = phrase_of(category, color).short
             exact.setdefault(tuple(terms(short)), {})[category, color] = group_id
-            # the color of a spice jar says which spice it holds
+            # the color of a spice jar indicates the spice
             spice = short.removesuffix(" jar") if category == "spice_jar" else ""
             texts = (category.replace("_", " "), spice, *_SYNONYMS.get(category, "").split(","))
             for text in filter(str.strip, texts):
@@ -336,12 +339,12 @@ def _nouns(template: str) -> dict[tuple[str, ...], dict[Kind, str]]:
 
 
 def _usual_nouns(template: str) -> set[str]:
-    """Return the usual nouns of the objects that the grammar of a template has, without colors."""
+    """Return the usual nouns, without colors, of the objects in a template's grammar."""
     return {phrase_of(*kind).short for meant in _nouns(template).values() for kind in meant}
 
 
 def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for a noun of an object that the grammar does not have."""
+    """Raise InvalidInputError for a noun of an object that is not in the grammar."""
     free = (
         PLACES
         | RESULTS

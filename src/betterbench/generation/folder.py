@@ -1,4 +1,4 @@
-"""A folder of generated scenarios: one file each, and the exchanges with the model that wrote them."""
+"""Folder of generated scenarios: one file per scenario, and the exchanges with the model that wrote them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat, ChatEndpoint, endpoint_at
 
 OFFLINE = "offline"
-"""Name of the author without a model."""
+"""Name of the offline author, which needs no model."""
 SETTINGS_NAME = "generate.json"
 """File with the settings of a folder."""
 SCENARIOS = "scenarios"
@@ -44,7 +44,7 @@ _LONGEST_SLUG = 40
 _MAX_BYTES = 1 << 20
 
 Vocabulary = Literal["library", "open"]
-"""Objects that a model may use: those of the library, or any."""
+"""Objects that a model may use: library objects, or any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +53,10 @@ class GenerateSettings:
 
     Attributes:
         target: Name of a template, or a sentence.
-        num: Number of scenarios; None for 10 of a template, or one for a sentence.
+        num: Number of scenarios; None for 10 per template or 1 per sentence.
         model: "offline", or the address of a chat endpoint with the name of the model, "URL#MODEL".
         seed: Seed of the offline author.
-        tries: Number of answers of a model per scenario.
+        tries: Maximum number of model answers per scenario.
         vocabulary: Objects that a model may use.
         replay: File of stored exchanges that replaces the model.
         key_variable: Environment variable with the key of the endpoint.
@@ -100,7 +100,7 @@ class GenerateSettings:
 
 @dataclass(frozen=True, slots=True)
 class Generated:
-    """Scenarios of a folder.
+    """Scenarios in a folder.
 
     Attributes:
         template: Name of their template.
@@ -143,7 +143,7 @@ def generate_scenarios(
     sentence = settings.sentence
     live = chat or endpoint_of(settings)
     kept = {} if settings.replay is None else read_exchanges(settings.replay)
-    # before a folder is made, because wrong input is found here
+    # before a folder is created, because invalid input is detected here
     written = None if settings.asks_model else _offline(settings, sentence)
     with OutputFolder(out, "generate", overwrite=overwrite):
         _write_settings(out, settings, overwrite=overwrite)
@@ -157,7 +157,7 @@ def generate_scenarios(
 
 
 def endpoint_of(settings: GenerateSettings) -> ChatEndpoint | None:
-    """Return the endpoint that the settings name, None for the offline author.
+    """Return the endpoint given in the settings, or None for the offline author.
 
     Raises:
         InvalidInputError: If the address has no model or is not an HTTP address.
@@ -242,9 +242,9 @@ def _write(out: Path, number: int, scenario: Scenario) -> Path:
 
 
 _RANGE = re.compile(r"\[\s+([\d.]+),\s+([\d.]+)\s+\]")
-"""A range of two numbers on four lines, which is written on one."""
+"""Pattern of a range of two numbers printed on four lines, to be joined into one."""
 
 
 def slug_of(name: str) -> str:
-    """Return a name for a file: small ASCII letters, digits and underscores."""
+    """Return a file name of lower-case ASCII letters, digits and underscores."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_SLUG].strip("_") or "scenario"

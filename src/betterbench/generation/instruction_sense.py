@@ -31,7 +31,7 @@ _CHAINS_WORDS = """
 then afterward afterwards after before finally followed firstly secondly lastly once until
 """
 _CHAINS = frozenset(_CHAINS_WORDS.split())
-"""Words that put steps into an order."""
+"""Words that express an order of steps."""
 _STEPS = re.compile(r"\b(?:first|next|last|second|third)\s*,|\band (?:first|next|last|finally)\b", re.IGNORECASE)
 
 _PLACES_WORDS = """
@@ -48,7 +48,7 @@ Found = tuple[str, str, str]
 
 
 def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Found]:
-    """Yield the problems of an instruction as path, problem and remedy.
+    """Yield the problems in an instruction as path, problem and remedy.
 
     The rules for nouns are conservative. A known noun of an object, and the last word of a phrase with an article, must
     occur in the description, the query, the name or the tags of an object. Places ("the desk"), occasions ("the
@@ -89,7 +89,7 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
     if chained or _STEPS.search(text):
         word = min(chained) if chained else "first or next"
         yield f"chains steps with {word!r}", cure
-    placed = stated_goal(scenario).placed  # a list of items with their places states the goal and no steps
+    placed = stated_goal(scenario).placed  # a list of items with their places states a goal, not steps
     for group in template.groups:
         objects = scenario.groups.get(group.group_id, ())
         if all(o.instance_name in placed for o in objects):
@@ -99,7 +99,7 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
 
 
 def _lists_all(text: str, objects: tuple[DescribedObject, ...]) -> bool:
-    """Return whether each object is named: by a word of its noun that no other noun has, or by noun and color."""
+    """Return whether each object is named, by a word unique to its noun or by noun and color."""
     words = set(terms(text))
     heads = [_head(o) for o in objects]
     shared = {word for head in heads for word in head if sum(word in other for other in heads) > 1}
@@ -117,7 +117,7 @@ def _head(described: DescribedObject) -> frozenset[str]:
 
 
 def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield the nouns of an instruction that are not objects of the scenario, as problem and remedy."""
+    """Yield a problem and remedy for each noun of an instruction that is not an object of the scenario."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

@@ -1,4 +1,4 @@
-"""Slots that are within reach, in view and separate from each other."""
+"""Layouts of slots that are reachable, in view and separate from each other."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 FREE_M = 0.002
-"""Least distance of two objects at the ends of the jitter of their slots [m]."""
+"""Minimum distance between two objects at the limits of their slots' jitter [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Slots of a table for one template: in reach, and in view with the margins of docs/framing.md.
+    """Table slots for one template, all reachable and in view with the margins of docs/framing.md.
 
     Attributes:
         starts: Slots from which objects are picked; for several layouts, one after the other.
@@ -36,7 +36,7 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return two objects of a condition that may touch at the ends of their jitter, or None.
+    """Return two objects of a condition that may touch within their jitter, or None.
 
     Containers, fixtures and objects that are longer than wide count as the rectangle of their bounding box, other
     objects as circles around their origin. Objects that start at a target are ignored.
@@ -51,9 +51,9 @@ def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
 
 
 def _gap_m(a: ObjectSpec, at: Slot, b: ObjectSpec, there: Slot) -> float:
-    """Return the least distance of two objects over the jitter of their slots [m].
+    """Return the minimum distance between two objects over the jitter of their slots [m].
 
-    The value is negative if they may overlap.
+    It is negative if they may overlap.
     """
     jitter = at.jitter_m + there.jitter_m
     (ax, ay), r = _half_sizes(a, at)
@@ -70,7 +70,7 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 
 
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
-    """Return the center of an object's bounding box in a slot, or of a circle its origin, in the world frame [m]."""
+    """Return the center of an object in a slot, world frame [m]: of its bounding box, or its origin for a circle."""
     if not _is_rectangle(spec):
         return slot.x, slot.y
     size = footprint(spec.category)

@@ -1,6 +1,6 @@
-"""Measures of objects over all of their looks, and checks that the gripper can hold them and the camera shows them.
+"""Measurements of objects over all their looks, and checks that the gripper can hold them and the camera can see them.
 
-Seeds draw the look of every object, so each measure covers all looks of a category, seen and held out.
+Looks are drawn by seed, so each measurement covers all looks of a category, both seen and held out.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from betterbench.tasks.condition import ObjectSpec
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
 
 WIDEST_GRASP_M = PANDA.gripper_opening_m - 0.006
-"""Largest width of an object between the pads [m]: the opening of the gripper, less 3 mm on each side."""
+"""Maximum width of an object between the pads [m]: the gripper opening minus 3 mm on each side."""
 LOW_M = 0.009
-"""Least height of a grasp above the foot of an object [m]: at 9.8 mm (rolls of tape) the expert finds free grasps, at
-5.5 mm (thin stacks of napkins) the fingers touch the table (measured)."""
+"""Minimum height of a grasp above the base of an object [m]. As measured, the expert finds free grasps at 9.8 mm (rolls
+of tape), but at 5.5 mm (thin stacks of napkins) the fingers touch the table."""
 FINGER_M = (0.015, 0.010)
 """Thickness of a finger at its tip, outward from the pad, and half of its width [m], from Franka's public model."""
 CLEAR_M = 0.004
-"""Distance of the fingers from everything but the object that they hold, which the expert's planner keeps [m]."""
+"""Clearance of the fingers from everything except the held object, as kept by the expert's planner [m]."""
 SEEN_M = 0.050
-"""Least apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
+"""Minimum apparent size of a named object [m]: 20 pixels in the front camera at the slots next to the robot.
 
 The camera has a focal length of 523 pixels and is 1.4 m from these slots. Objects of the suite have 24 pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Measures of a category over all of its looks, seen and held out.
+    """Measurements of a category over all its looks, seen and held out.
 
     Attributes:
         radius_m: Largest horizontal distance of a visible point from the origin of the object [m].
         x_m: Smallest and largest x of a visible point, in the frame of the object [m].
         y_m: Smallest and largest y of a visible point, in the frame of the object [m].
         height_m: Largest height [m].
-        seen_m: Smallest over the looks of the apparent size from 45 degrees above [m]: the longer of both horizontal
-            sides, or height and shorter side foreshortened.
+        seen_m: Apparent size from 45 degrees above [m], minimum over the looks: the longer horizontal side, or height
+            and shorter side foreshortened.
         layer_m: Smallest and largest height of the surface that carries the next object [m].
-        grip_m: Largest over the looks of the narrowest grasp [m]; None if a look has no grasp.
-        low_m: Smallest over the looks of the height of the highest grasp [m]; 0 without grasps.
+        grip_m: Width of the narrowest grasp [m], maximum over the looks; None if a look has no grasp.
+        low_m: Height of the highest grasp [m], minimum over the looks; 0 without grasps.
         longish: Whether the object is more than 1.5 times as long as wide in a look.
         inside_m: Smallest half width along x, half width along y, and depth of the region "inside" [m]; None if a look
             has no such region.
@@ -75,7 +75,7 @@ class Footprint:
 
 
 def footprint(category: str) -> Footprint:
-    """Return the measures of a category; the color never changes the shape.
+    """Return the measurements of a category; color does not affect shape.
 
     Raises:
         UnknownNameError: If there is no such category.
@@ -174,7 +174,7 @@ def require_grasp(spec: ObjectSpec) -> None:
 
 
 def require_usable(objects: Iterable[ObjectSpec]) -> None:
-    """Check that the gripper can hold objects, and that a camera shows them large enough.
+    """Check that the gripper can hold objects, and that they are large enough in the camera image.
 
     Raises:
         InvalidInputError: If a look has no grasp, only grasps that are too wide or too low, or is too small.
@@ -199,7 +199,7 @@ def require_footprint(spec: ObjectSpec, most_m: float, place: str) -> None:
 
 
 def foot_of(asset: Asset) -> tuple[float, float]:
-    """Return the center of an asset's foot in its frame [m]."""
+    """Return the center of an asset's base in its frame [m]."""
     for region in asset.regions:
         if region.name == "base":
             return region.position[0], region.position[1]
@@ -207,9 +207,9 @@ def foot_of(asset: Asset) -> tuple[float, float]:
 
 
 def radius_below(asset: Asset, height_m: float) -> float:
-    """Return the largest horizontal distance of an asset's collision geometry from the axis of its foot [m].
+    """Return the largest horizontal distance of an asset's collision geometry from the axis of its base [m].
 
-    Parts that begin at ``height_m`` or higher are left out; a part that begins below counts as a whole.
+    Parts that begin at ``height_m`` or above are ignored; a part that begins below counts as a whole.
     """
     x, y = foot_of(asset)
     largest = 0.0
@@ -248,8 +248,8 @@ def _stands_upright(part: CollisionPart) -> bool:
 def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
     """Check that the open fingers stay clear of a support, such as the rim of a plate, when an object is put on it.
 
-    The object stands in the middle of the region "top". The fingers may point in any direction, so only the distance
-    from the middle counts.
+    The object stands at the center of the region "top". Any orientation of the fingers is allowed, so only the distance
+    from the center matters.
 
     Raises:
         InvalidInputError: If the fingers would come too close to a look of the support.

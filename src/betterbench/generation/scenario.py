@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DescribedObject:
-    """Object of a scenario, before an asset is chosen for it.
+    """Described object of a scenario, before an asset is chosen for it.
 
     Attributes:
         description: Appearance in words ("a shiny red apple").

@@ -1,8 +1,8 @@
-"""The JSON form of scenarios, with the fields of the paper's prompt (appendix B.1).
+"""JSON serialization of scenarios, with the fields of the paper's prompt (appendix B.1).
 
-An answer of a language model has the paper's fields only. A stored scenario also names the version of the form and the
-template. All texts are limited to letters, digits and plain punctuation, because they come from a model: no text can
-contain markup, a control character or a path.
+An answer of a language model has only the paper's fields; a stored scenario also names the format version and the
+template. Texts may only contain letters, digits and plain punctuation: they come from a model and must not contain
+markup, control characters or paths.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from betterbench.json_form import NO_TRUTH, read_form, strict_form
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SCHEMA_VERSION = 1
-"""Version of the form of a stored scenario."""
+"""Format version of stored scenarios."""
 
 CURE = "Write the scenario as docs/generating.md describes"
 
@@ -27,9 +27,9 @@ NAME_PATTERN = r"^[a-z][a-z0-9_]{0,40}$"
 LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_TAG = 60, 200, 120, 60, 30
 """Maximum characters of the texts of a scenario."""
 MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
-"""Maximum number of groups of a scenario, of objects of a group, and of tags of an object."""
+"""Maximum numbers of groups per scenario, objects per group, and tags per object."""
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
-"""Bounds of the numbers in the form [m, kg]; the limits of the robot are in :mod:`~betterbench.generation.sense`."""
+"""Bounds of the numbers in a scenario [m, kg]; the limits of the robot are in :mod:`~betterbench.generation.sense`."""
 
 _PUNCTUATION = frozenset(" ,.'-()%:")
 
@@ -102,7 +102,7 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario with the paper's fields only as a JSON-serializable dict, as a model answers."""
+    """Return a scenario as a JSON-serializable dict with the paper's fields only, like a model's answer."""
     return {
         "scenario_name": scenario.name,
         "instruction": scenario.instruction,
@@ -138,7 +138,7 @@ def scenario_from_json(form: Mapping[str, Any] | bytes | str, *, where: str = "s
 
 
 def scenario_from_answer(form: object, template: str, *, where: str = "scenario") -> Scenario:
-    """Read a scenario of a template in the form that the prompt asks for.
+    """Parse a scenario in the format requested by the prompt.
 
     Args:
         form: JSON as bytes or text, or a parsed value.

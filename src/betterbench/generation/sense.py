@@ -1,4 +1,4 @@
-"""Checks whether a scenario makes sense for its template, beyond its form.
+"""Plausibility checks of a scenario for its template, beyond its format.
 
 Each problem is one sentence with the path of the field, so that it can be sent back to the model that wrote the
 scenario:
@@ -26,17 +26,17 @@ from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LARGEST_ITEM_M = 0.25
-"""Largest size of an item [m]: the largest that the suite moves, a serving plate, has 20 cm, and the slots of the suite
+"""Maximum size of an item [m]. The largest object moved in the suite, a serving plate, measures 20 cm, and the slots
 are 13 to 20 cm apart."""
 SIZE_SLACK = 2.0
-"""Allowed factor beyond the usual sizes of a kind: the table of kinds has no row for a pill bottle, which is smaller
-than other bottles, and a lunchbox with an open lid is longer than a closed one."""
+"""Tolerance factor on the usual sizes of a kind. For example, the table of kinds has no row for a pill bottle, which is
+smaller than other bottles, and a lunchbox with an open lid is longer than a closed one."""
 HEAVIEST_FIXTURE_KG = 20.0
-"""Largest mass of an object that the arm need not lift [kg], as in the importer."""
+"""Maximum mass of an object that need not be lifted [kg], as in the importer."""
 _ROUND = frozenset(
     {("apple",), ("orange",), ("peach",), ("tomato",), ("onion",), ("potato",), ("ball",), ("grapefruit",), ("melon",)}
 )
-"""Kinds that are as thick as long, so the gripper must open to their full size."""
+"""Kinds that are as thick as they are long, so that the gripper must open to their full size."""
 
 
 def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = False) -> None:
@@ -46,7 +46,7 @@ def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = 
 
 
 def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
-    """Raise InvalidInputError if the groups are not those of the template, or two objects have one name.
+    """Raise InvalidInputError if the groups are not those of the template, or two objects have the same name.
 
     Args:
         scenario: The scenario.

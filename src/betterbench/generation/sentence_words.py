@@ -1,4 +1,4 @@
-"""Words of an instruction: its tokens, its colors, the last word of a phrase, and the words that may name an object."""
+"""Tokenization of instructions: words, colors, heads of phrases, and words that may name an object."""
 
 from __future__ import annotations
 
@@ -43,27 +43,27 @@ _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
 
 
 def raw_tokens(text: str) -> list[str]:
-    """Return the words of a sentence in small letters, and its punctuation."""
+    """Return the words of a sentence in lower case, and its punctuation."""
     return re.findall(r"[^\W_]+|[,.:()%]", re.sub(r"n['’]t\b", "nt", text.lower()))
 
 
 def sentence_tokens(text: str) -> list[str]:
-    """Return the words of a sentence in small letters and in the singular, and its punctuation."""
+    """Return the words of a sentence in lower case and in the singular, and its punctuation."""
     return [t if t in ",.:()%" else singular(t) for t in raw_tokens(text)]
 
 
 def is_plural_form(word: str) -> bool:
-    """Return whether a noun is a plural that means several objects: "mugs" and "mice", but not "fries"."""
+    """Return whether a noun is a plural that denotes several objects, such as "mugs" and "mice" but not "fries"."""
     one = singular(word)
     return word != one and (word.endswith("s") or word in ("mice", "dice")) and one not in _PLURAL_ONLY
 
 
 NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
-"""Words for the numbers of objects that a scene may have."""
+"""Number words for the possible numbers of objects in a scene."""
 
 
 def number_before(raw: list[str], at: int) -> str:
-    """Return the number word of the noun phrase with a noun at this place, or an empty text."""
+    """Return the number word in the noun phrase whose noun is at this position, or an empty text."""
     for word in reversed(raw[max(0, at - 4) : at]):
         if word in NUMBERS:
             return word
@@ -80,7 +80,7 @@ def words_of_object(described: DescribedObject) -> frozenset[str]:
 
 
 def color_before(tokens: list[str], at: int) -> str:
-    """Return the color among the adjectives before a noun, empty if there is none."""
+    """Return the color among the adjectives before a noun, or an empty text."""
     for word in reversed(tokens[max(0, at - 3) : at]):
         if word in COLORS:
             return word

@@ -1,8 +1,8 @@
-"""Nouns of tabletop objects by the types that templates allow, and the nouns in a phrase.
+"""Vocabulary of tabletop objects, by the types that templates allow, and detection of nouns in phrases.
 
-The vocabulary decides two questions about a scenario that a model wrote: whether an object belongs to its group, and
-whether the instruction names a missing object. The vocabulary is deliberately small: an unknown noun is accepted in a
-group if a tag names an allowed type.
+It decides two questions about a model's scenario: whether an object belongs to its group, and whether the instruction
+names a missing object. The vocabulary is deliberately small: an unknown noun is accepted in a group if a tag names an
+allowed type.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ COLLECTIVES: dict[str, str] = {
     "trash": f"{_WASTE}, {_DRINK}, fries",
     "vegetable": "tomato, carrot, cucumber, pepper, onion, potato, corn, mushroom, celery, lettuce",
 }
-"""Collective nouns, each with the kinds of objects that it means."""
+"""Collective nouns, each with the kinds of objects that it covers."""
 
 _DOMAINS = {"food": f"{_FRUIT}, {_MEAL}, {_LAYER}", "office supply": _OFFICE, "cleaning supply": _WASH}
 """Domains of items that do not belong together, except that items of two domains are often thrown away together."""
@@ -124,7 +124,7 @@ _MEASURES_WORDS = """
 bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack
 """
 MEASURES = frozenset(_MEASURES_WORDS.split())
-"""Nouns that only measure the noun after "of" in "a slice of cheese"."""
+"""Measure nouns, such as "slice" in "a slice of cheese"."""
 
 _LONGEST_PHRASE = 4
 
@@ -135,7 +135,7 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns of a type, as terms; the type itself is one. An unknown type has only its own name."""
+    """Return the nouns of a type, including the type itself, as terms. An unknown type has only its own name."""
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
 
@@ -147,7 +147,7 @@ def all_nouns() -> frozenset[tuple[str, ...]]:
 
 @functools.cache
 def collective(noun: str) -> frozenset[tuple[str, ...]]:
-    """Return the nouns that a collective noun means, or an empty set for another noun."""
+    """Return the nouns covered by a collective noun, or an empty set for any other noun."""
     return _phrases(COLLECTIVES.get(noun, ""))
 
 
@@ -191,7 +191,7 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    A known noun decides. An object without a known noun belongs if one of its tags names an allowed type.
+    This is decided by its known noun, or without one by whether a tag names an allowed type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))

@@ -8,7 +8,7 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """Return the word that identifies each kind among all kinds: its noun, its first word, or the whole kind."""
+    """Return a word that identifies each kind among all kinds: its noun, its first word, or its full name."""
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}
     for kind in kinds:

@@ -1,8 +1,8 @@
-"""Action spaces: the meaning of each number in an action, as values that both sides of a handshake compare.
+"""Action spaces: declarations of what each number in an action means, compared by both sides of a handshake.
 
-The gripper is the last number of every action space. In most of them positive closes, negative opens, zero keeps the
-last commanded width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies expect
-the same convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
+The gripper is the last number of every action space. In most of them, positive closes, negative opens, and zero keeps
+the last commanded width. Only the sign counts, and the fingers move at finite speed. LIBERO and robosuite policies
+expect the same convention (robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
 CALVIN's own action spaces have the opposite sign (:data:`CALVIN_RELATIVE`) and are used only in CALVIN. LeRobot's
 spaces of the SO-101 set the opening itself (:data:`OPENING_SPACES`).
 """
@@ -19,7 +19,7 @@ import numpy as np
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 
 TRANSLATION_PER_UNIT_M = 0.05
-"""Translation per action unit [m]; the output scale of robosuite's OSC_POSE controller, used by LIBERO."""
+"""Translation per action unit [m], which is the output scale of robosuite's OSC_POSE controller used by LIBERO."""
 
 ROTATION_PER_UNIT_RAD = 0.5
 """Rotation of one action unit [rad]; the same controller's scale for its axis-angle part."""
@@ -30,7 +30,7 @@ rad/s.
 """
 
 USUAL_ROBOT = "panda"
-"""Name of the robot in scenes, plans and files that name none."""
+"""Default robot, for scenes, plans and files that do not name one."""
 
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
@@ -48,7 +48,7 @@ class ActionSpace:
         low: Smallest allowed value of each number; smaller values are clipped, except in CALVIN (:attr:`clips`).
         high: Largest allowed value of each number; larger values are clipped, except in CALVIN.
         scale: Size of one unit of each number, in ``units``.
-        convention: Frame, reference and polarity in words, compared at every handshake.
+        convention: Description of frame, reference and polarity, compared at every handshake.
     """
 
     name: str
@@ -97,9 +97,9 @@ class ActionSpace:
         return self.name not in WORLD_ACTION_SPACES
 
     def clip(self, action: object) -> np.ndarray:
-        """Return the applied action: a new array, (dim,) float64, within the bounds if the space clips.
+        """Return the action to apply: a new array, (dim,) float64, within the bounds if the space clips.
 
-        Clipping is idempotent, so that applying a recorded action again gives the same result.
+        Clipping is idempotent, so replaying a recorded action gives the same result.
 
         Raises:
             InvalidActionError: If the shape or type is wrong, or a number is not finite.
@@ -131,19 +131,19 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return the number of actions, shape (n, dim), with at least one number out of bounds, clipped or not."""
+        """Return how many of the actions, shape (n, dim), have a number out of bounds, clipped or not."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
         return int(outside.any(axis=1).sum())
 
     def _refuse(self, values: list[float]) -> NoReturn:
-        """Raise an error that names the components that are not finite."""
+        """Raise an error that names the non-finite components."""
         bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))
         raise InvalidActionError(f"{self.name} action: {bad}. Send only finite numbers.")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON-serializable dict, which policy handshakes also use."""
+        """Return a JSON-serializable dict, which policy handshakes also use."""
         return {
             "name": self.name,
             "components": list(self.components),
@@ -156,7 +156,10 @@ class ActionSpace:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any]) -> ActionSpace:
-        """Read the JSON form. Raises InvalidInputError if a field is missing, unknown or of the wrong type."""
+        """Create an action space from such a dict.
+
+        Raises InvalidInputError if a field is missing, unknown or of the wrong type.
+        """
         try:
             texts = {name: tuple(str(v) for v in form[name]) for name in ("components", "units")}
             numbers = {name: tuple(float(v) for v in form[name]) for name in ("low", "high", "scale")}
@@ -182,7 +185,7 @@ _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 
 def _twist(name: str, reference: str) -> ActionSpace:
-    """Return an action space of a translation and a rotation vector, both added to a reference pose."""
+    """Return an action space with a translation and a rotation vector, both added to a reference pose."""
     return ActionSpace(
         name=name,
         components=_TWIST,
@@ -253,7 +256,7 @@ _SO101_CALIBRATION = (
 
 
 def _so101(name: str, units: tuple[float, ...], bounds: tuple[float, ...], meaning: str) -> ActionSpace:
-    """Return an action space of the SO-101 whose arm numbers have these units [rad]."""
+    """Return an action space of the SO-101 with arm components in these units [rad]."""
     return ActionSpace(
         name=name,
         components=tuple(f"{motor}.pos" for motor in _SO101_MOTORS),
@@ -279,16 +282,16 @@ SO101_NORMALIZED = _so101(
 """LeRobot's ``so101_follower`` with ``use_degrees=False`` (``MotorNormMode.RANGE_M100_100``)."""
 
 ROBOT_ACTION_SPACES: dict[str, ActionSpace] = {space.name: space for space in (SO101_DEGREES, SO101_NORMALIZED)}
-"""Action spaces of one robot's own motors, in betterbench's own scenes."""
+"""Action spaces in the units of one robot's motors, in betterbench's own scenes."""
 
 JOINT_SPACES = frozenset({JOINT_POSITION.name, JOINT_DELTA.name, *ROBOT_ACTION_SPACES})
-"""Action spaces of one number per arm joint."""
+"""Action spaces with one number per arm joint."""
 
 OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
 """Action spaces whose gripper component is the opening itself rather than a direction."""
 
 PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
-"""Action spaces in which motions planned in ``ee_delta`` can be expressed: itself, and absolute joint angles."""
+"""Action spaces that can express motions planned in ``ee_delta``: ``ee_delta`` itself, and absolute joint angles."""
 
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
@@ -306,13 +309,13 @@ CALVIN_RELATIVE = ActionSpace(
 ``max_rel_orn``). The gripper is 1 or -1, as in its wrapper ``play_lmp_wrapper.py``."""
 
 _UNBOUNDED = 1000.0
-"""Bound for numbers that a world does not clip; values beyond it cannot be a position or an angle and are rejected."""
+"""Bound for components that a world does not clip; larger values cannot be a position or an angle and are rejected."""
 
 _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 
 
 def _calvin(name: str, rotation: tuple[str, ...], convention: str) -> ActionSpace:
-    """Return an action space of CALVIN in meters and radians, which is not clipped."""
+    """Return an unclipped action space of CALVIN, in meters and radians."""
     components = ("x", "y", "z", *rotation, "gripper")
     units = ("m",) * 3 + ("rad" if len(rotation) == len("xyz") else "1",) * len(rotation) + ("1",)
     bound = (_UNBOUNDED,) * len(components)
@@ -372,7 +375,7 @@ PLAYED_IN: Mapping[str, tuple[str, ...]] = {
     "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
     "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
 }
-"""Action spaces in each world's conventions, the usual one first; the empty name stands for our own scenes."""
+"""Action spaces of each world, the default first; the empty name stands for betterbench's own scenes."""
 
 _DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 

@@ -1,4 +1,4 @@
-"""Observations: the inputs that a policy may see, with every convention as a value."""
+"""Observations: the inputs of a policy, with explicit conventions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """One camera of an observation: its name in the scene, and its image size [pixel]."""
+    """Camera of an observation: its name in the scene, and its image size [pixel]."""
 
     name: str
     width: int = 256
@@ -22,7 +22,7 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObservationSpec:
-    """Preset of an observation: its cameras, and whether depth images and instance masks are included.
+    """Observation preset: its cameras, and whether depth images and instance masks are included.
 
     Attributes:
         depth: True to add depth images [m].
@@ -98,7 +98,8 @@ class Observation:
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless requested.
         masks: Per camera (height, width) int32 instance ids; empty unless requested.
-        native: State in the form that clients of another world read, by the names of our state parts; otherwise empty.
+        native: State in the conventions of another world, for its clients, by the names of our state parts; otherwise
+            empty.
     """
 
     instruction: str

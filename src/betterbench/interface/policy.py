@@ -1,4 +1,4 @@
-"""Protocol between an episode and a policy that sees only observations."""
+"""Protocol between an episode and an observation-only policy."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Execution:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """Message to a policy at the start of an episode. It does not reveal whether the condition is a training condition.
+    """Message to a policy at the start of an episode, without whether the condition is a training condition.
 
     Attributes:
         episode: Number that a policy may use as a random seed; see :func:`episode_number`.
@@ -94,10 +94,10 @@ class PolicyInfo:
         action_space: Action space of its answers.
         needs_images: False if the policy uses no images, which are then not rendered.
         cameras: Cameras that the policy uses; other cameras are not rendered. None for all.
-        metadata: Texts by name (checkpoint, revision, server), which are copied.
+        metadata: Texts by name (checkpoint, revision, server); the mapping is copied.
         execution: Execution settings for its action chunks.
-        heavy: True if the policy keeps model weights in this process. All workers of a run then share one instance if
-            it accepts batches (:class:`BatchPolicy`). Otherwise a run uses one worker unless more are requested.
+        heavy: True if the policy holds model weights in this process. If it accepts batches (:class:`BatchPolicy`), all
+            workers of a run then share one instance. Otherwise, a run uses one worker unless more are requested.
     """
 
     name: str
@@ -131,7 +131,7 @@ class PolicyInfo:
             raise InvalidInputError("PolicyInfo: cameras", "expected names", "Give names of cameras, or None for all")
         # some kinds of mapping cannot be sent to another process
         object.__setattr__(self, "metadata", dict(self.metadata))
-        if self.action_space:  # empty for a replay, because each record names its own
+        if self.action_space:  # empty for a replay, because each record names its own action space
             action_space(self.action_space)
 
 
@@ -146,7 +146,7 @@ class Policy(Protocol):
         """Reset the policy's state for a new episode."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim), to execute in order, or a single action, (dim,)."""
+        """Return the next actions to execute in order, (horizon, dim), or a single action, (dim,)."""
 
 
 @runtime_checkable

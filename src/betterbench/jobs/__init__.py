@@ -1,4 +1,4 @@
-"""Resumable jobs: a plan of items, a journal or files that survive a crash, workers, and child processes.
+"""Resumable jobs: plans of items, crash-safe journals and files, workers, and child processes.
 
 - ``job``: runs the unfinished items of a plan and stores each result (:func:`run_items`), in a locked folder
   (:func:`job_folder`). ``conflict`` rejects a folder with other files or another job.

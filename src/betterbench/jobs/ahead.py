@@ -14,7 +14,7 @@ _PATIENCE_S = 0.2
 
 
 class _End:
-    """Last entry of the queue: the error that ended the iterator, or None."""
+    """Last entry of the queue, with the error that ended the iterator, or None."""
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error

@@ -1,4 +1,4 @@
-"""Process that answers requests over a socket, for a policy or the simulator of another world."""
+"""Process that answers requests over a socket, for a policy or another world's simulator."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _PIECE = 1 << 20
 
 
 class AskedProcess:
-    """Process that answers requests by frames (:mod:`betterbench.jobs.frames`).
+    """Process that answers requests in frames (:mod:`betterbench.jobs.frames`).
 
-    The process leads its own session, so signals to its group, such as Ctrl-C, do not reach the run, and vice versa.
+    It has its own session, so that signals to its group, such as Ctrl-C, do not reach the run, and vice versa.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class AskedProcess:
 
     @property
     def waits(self) -> bool:
-        """Whether the process waits for a request: it is running and has sent no unexpected frame."""
+        """Whether the process is waiting for a request: it is running and has sent no unexpected frame."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):
@@ -122,7 +122,7 @@ class AskedProcess:
                     raise BrokenPipeError("the process has exited") from None
 
     def recv(self, size: int) -> bytes:
-        """Return the next bytes, empty if the process has ended; raise TimeoutError if none arrive in time."""
+        """Return the next bytes, or none if the process has ended; raise TimeoutError if nothing arrives in time."""
         ended = False
         while True:
             self._require_time()

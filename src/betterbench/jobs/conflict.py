@@ -1,4 +1,4 @@
-"""Conflicts of a job with its folder's content: other files, or another job."""
+"""Conflicts between a job and the content of its folder: other files, or another job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Journals of people's decisions: changes, verdicts and undo, with the history of each subject.
+"""Journals of human decisions: changes, verdicts and undo, with the history of each subject.
 
 A decision is one JSON line of an append-only file (:mod:`betterbench.jobs.line_journal`). Decisions about one subject
 have the same content hash, and form its history. The kinds of changes are up to the package that reviews a subject.
@@ -103,12 +103,12 @@ class History(Generic[LineT]):
 
     @property
     def last(self) -> tuple[int, LineT] | None:
-        """The last decision and its line number, None if there is none."""
+        """The last decision with its line number, or None."""
         return self.reviews[-1] if self.reviews else None
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict, None if there is none or a change was made after it."""
+        """The verdict, or None if there is none or a later change invalidated it."""
         found = None if self.last is None else self.last[1].decision
         return found if isinstance(found, Verdict) else None
 
@@ -145,7 +145,7 @@ def histories(reviews: Iterable[LineT], where: str) -> dict[str, History[LineT]]
 
 
 class DecisionJournal(LineJournal, Generic[LineT]):
-    """The file of a review, open for appending by one process. A subclass names the form of its lines.
+    """Review file, open for appending by one process. A subclass defines the format of its lines.
 
     Raises:
         RunConflictError: If another process writes to the file.
@@ -196,7 +196,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
     @staticmethod
     def form(review: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass of the subclass
-        """Return the JSON form of a line."""
+        """Return a line as JSON."""
         return asdict(review)
 
 

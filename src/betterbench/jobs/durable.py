@@ -18,7 +18,7 @@ from betterbench.jobs.lock import LOCK_NAME, is_locked, require_held
 from betterbench.jobs.places import claim_of, naming, require_guarded
 
 PART_SUFFIX = ".part"
-"""Suffix of an unfinished file; such files can be deleted after a crash."""
+"""Suffix of unfinished files, which can be deleted after a crash."""
 
 _PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL)
 """Pattern of the names made by ``tempfile``."""
@@ -71,7 +71,7 @@ class DurableFile:
     def finish(self) -> None:
         """Flush the file to disk and move it to its final path.
 
-        Raises StorageError if its folder no longer exists, and OSError.
+        Raises OSError, or StorageError if its folder no longer exists.
         """
         self.file.flush()
         os.fchmod(self.file.fileno(), 0o644)
@@ -102,7 +102,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Tell whether a file name belongs to an unfinished :class:`DurableFile`."""
+    """Return whether a file name belongs to an unfinished :class:`DurableFile`."""
     return _PART.fullmatch(path.name) is not None
 
 
@@ -128,7 +128,7 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk, where further writes would also fail, into a StorageError."""
+    """Turn errors after which further writes would also fail (full, broken or protected disk) into a StorageError."""
     try:
         yield
     except OSError as problem:

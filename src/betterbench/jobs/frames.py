@@ -1,4 +1,4 @@
-"""Frames between a run and a policy's process or a simulator: a JSON document and arrays, without pickles.
+"""Message frames between a run and a policy process or simulator: a JSON document and arrays, without pickle.
 
 The process of a simulator also imports this file, in an environment without betterbench, so the file imports only the
 standard library and NumPy.
@@ -39,7 +39,7 @@ FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 
 
 class FrameError(Exception):
-    """The other side has ended, or sent bytes that are not a frame."""
+    """The other side has closed the link, or sent bytes that are not a frame."""
 
 
 class FrameEndError(FrameError):
@@ -190,7 +190,7 @@ def _received(link: Link, count: int) -> bytes:
 
 
 def _failed(error: OSError) -> FrameError:
-    """Return the error about a link that cannot be read or written."""
+    """Return the error for a link that cannot be read or written."""
     if isinstance(error, TimeoutError):
         return FrameTimeoutError("no answer in time")
     return FrameEndError(f"it cannot be reached ({error})")

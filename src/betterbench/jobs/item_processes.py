@@ -1,4 +1,4 @@
-"""Processing of many items in worker processes; detects items that kill their process."""
+"""Processing of many items in worker processes, with detection of items that kill their process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 
 def in_processes(items: list[ItemT], work: Callable[[ItemT], FoundT], *, workers: int) -> Iterator[FoundT]:
-    """Yield the result of each item on completion. The items of a broken pool are processed again alone.
+    """Yield the result of each item on completion. The items of a broken pool are retried one at a time.
 
     With one worker or one item, this process does the work.
 

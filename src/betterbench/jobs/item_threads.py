@@ -1,4 +1,4 @@
-"""Processing of many items, such as trials, in threads that each own a resource, such as a renderer."""
+"""Processing of many items, such as trials, in threads that each own a resource such as a renderer."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def run_items(
 
 
 def counts(on_count: OnCount | None) -> Callable[[JobProgress[Any]], None] | None:
-    """Return a callback for :func:`run_items` that passes on only the two numbers."""
+    """Return a callback for :func:`run_items` that forwards only the two counts."""
     return None if on_count is None else lambda progress: on_count(progress.done, progress.planned)
 
 

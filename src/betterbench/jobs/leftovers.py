@@ -12,7 +12,7 @@ _ROUNDS = 5
 
 
 def end_leftovers(variable: str, value: str, session: int) -> None:
-    """End all processes of a session, and all whose environment had a variable with this value at their start.
+    """End all processes of a session, and all processes started with an environment variable of this value.
 
     A child process may leave the group and the session of its parent, but a fork keeps the environment. Without
     ``/proc``, this function does nothing.

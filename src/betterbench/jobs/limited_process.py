@@ -1,7 +1,7 @@
-"""Child processes with limits on memory and time that read untrusted files and answer with bytes.
+"""Child processes with memory and time limits, which read untrusted files and answer with bytes.
 
-A malicious file can crash C++ readers of meshes, images and binary models, make them hang, or make them fill the
-memory. These readers run in a limited process, whose answers are bytes or text, never objects.
+A malicious file can make C++ readers of meshes, images and binary models crash, hang or exhaust the memory. These
+readers run in a limited process, whose answers are bytes or text, never objects.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ class LimitedProcess:
             raise self._ended() from None
 
     def receive(self, *, most: int, within_s: float) -> bytes | bytearray:
-        """Return an answer of at most ``most`` bytes, which comes within a time [s].
+        """Wait up to a time limit [s] for an answer of at most ``most`` bytes, and return it.
 
         Raises:
             LimitedProcessError: If the process has ended, is late, rejects the request or sends too much. Except after
@@ -240,7 +240,7 @@ def answer_requests(
     cpu_s: float,
     unexpected: Callable[[Exception], str],
 ) -> None:
-    """Answer requests from standard input on standard output until the input ends: the rest of the main function.
+    """Main loop of the child: answer requests from standard input on standard output until the input ends.
 
     Args:
         answers: Yields the answers to a request and its data.

@@ -23,7 +23,7 @@ from betterbench.json_form import dump_json, form_errors, open_ordinary, parse_j
 from betterbench.quoting import json_line
 
 MAX_BYTES = 1 << 30
-"""Largest journal that is read [byte]; a line takes about 600 bytes."""
+"""Maximum size of a journal to read [byte]; a line takes about 600 bytes."""
 
 LINK = "link"
 """Key of a line's link."""
@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 
 class LineJournal:
-    """A file of JSON lines, open for appending by one process at a time.
+    """Journal of JSON lines, open for appending by one process at a time.
 
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
     :meth:`_take_in` and removes an unfinished last line left by a killed process. Each appended line is on disk when

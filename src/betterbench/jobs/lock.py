@@ -1,4 +1,4 @@
-"""The lock that prevents two processes from writing to one run folder."""
+"""Lock that prevents two processes from writing to the same run folder."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """A folder locked by a process, in the form passed to its worker processes; small and picklable.
+    """Reference to a folder locked by a process, to be passed to its workers; small and picklable.
 
     Attributes:
         lock: File of the lock.
@@ -69,13 +69,13 @@ class HeldFolder:
 
 
 class RunLock:
-    """An exclusive lock on a run folder that is released when its process ends.
+    """Exclusive lock on a run folder, released when its process ends.
 
-    The lock file stays; only the kernel's lock matters, so a crash leaves nothing to clean up. Forked processes do not
-    keep the lock. While the lock is held, no file is written below the folder through a link that leads out of the
-    folder (:mod:`betterbench.jobs.places`), or after the folder was removed or moved (:func:`require_held`), because
-    earlier files would then be missing. With ``renews``, the owner writes the earlier files again, and the lock is
-    taken again. Messages name the ``output``, if its parts are collected in the folder.
+    The lock file remains, but only the kernel's lock matters, so a crash leaves nothing to clean up. Forked processes
+    do not keep the lock. While the lock is held, no file is written below the folder through a link that leads out of
+    the folder (:mod:`betterbench.jobs.places`), or after the folder was removed or moved (:func:`require_held`),
+    because earlier files would then be missing. With ``renews``, the owner writes the earlier files again, and the lock
+    is taken again. Messages name the ``output``, if its parts are collected in the folder.
 
     Raises:
         RunConflictError: If another process holds the lock, unless ``waits`` is set.
@@ -230,7 +230,7 @@ class FileLock(RunLock):
         super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
 
     def _guard(self) -> None:
-        """Do nothing, because the folder is the user's choice and contains other files."""
+        """Do nothing, because the user chose the folder and it contains other files."""
 
     def _unguard(self) -> None:
         """Do nothing."""
@@ -273,7 +273,7 @@ def held_folders() -> tuple[HeldFolder, ...]:
 
 
 def write_within(folders: Iterable[HeldFolder]) -> None:
-    """Forbid this process to write below folders locked by its parent process after their removal.
+    """Forbid this process to write below folders locked by its parent process once they have been removed.
 
     A worker that continued to write would recreate a removed folder, which the same command could then not use.
     """
@@ -294,7 +294,7 @@ def _stands_at(path: Path, handle: int) -> bool:
 
 
 def _is_file(path: Path, identity: tuple[int, int]) -> bool:
-    """Tell whether the file at a path has this device and inode."""
+    """Return whether the file at a path has this device and inode."""
     try:
         there = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):

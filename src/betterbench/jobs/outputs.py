@@ -1,10 +1,10 @@
 """Output files and folders of commands. Files that better did not write are not replaced.
 
-One rule applies to every verb. A file is ours if it has the mark of the verb (:func:`mark_of`) or content that the verb
-recognizes. A folder is ours if its list ``.written.json`` names the same verb, and a file in the folder is ours if the
-list contains its SHA-256: an edited page belongs to the user. Our files are always replaced, other files only with
-``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other process can write to
-it, and unfinished files of killed processes are deleted.
+One rule applies to every verb. A file is ours if it has the mark of the subcommand (:func:`mark_of`) or content that
+the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand, and a file in the
+folder is ours if the list contains its SHA-256: an edited page belongs to the user. Our files are always replaced,
+other files only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other
+process can write to it, and unfinished files of killed processes are deleted.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _ENDS_BYTES = 1 << 16
 
 
 def mark_of(verb: str) -> str:
-    """Return the text that marks a file as an output of a verb, in the format's place for comments."""
+    """Return the comment that marks a file as the output of a subcommand."""
     return f"Written by better {verb} (betterbench)"
 
 
 def bears_mark(path: Path, verb: str) -> bool:
-    """Return whether a file has the mark of a verb near its beginning or end. Raises OSError."""
+    """Return whether a file has the mark of a subcommand near its beginning or end. Raises OSError."""
     mark = mark_of(verb).encode()
     with open_ordinary(path) as file:
         if mark in file.read(_ENDS_BYTES):
@@ -58,9 +58,9 @@ def require_replaceable(
 
     Args:
         path: Path of the file to write.
-        verb: Verb that writes it.
-        overwrite: Whether to replace files that this verb did not write.
-        is_ours: Function that returns whether this verb wrote an existing regular file; None to check the mark.
+        verb: Subcommand that writes it.
+        overwrite: Whether to replace files that this subcommand did not write.
+        is_ours: Function that returns whether this subcommand wrote an existing regular file; None to check the mark.
     """
     try:
         there = os.lstat(path).st_mode
@@ -85,7 +85,7 @@ def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
 
 
 class OutputFile:
-    """A file that a verb writes, locked while open; a context manager that returns the path.
+    """A file that a subcommand writes, locked while open; a context manager that returns the path.
 
     Raises:
         RunConflictError: If the existing file must not be replaced, or another process is writing it.
@@ -129,14 +129,14 @@ _WRITTEN = TypeAdapter(_Written)
 
 
 class OutputFolder:
-    """A folder to which a verb writes its files, locked while open; a context manager.
+    """Output folder of a subcommand, locked while open; a context manager.
 
     Every file that this process writes there (:class:`~betterbench.jobs.durable.DurableFile`) is checked and listed,
     except in subfolders with their own lock.
 
     Args:
         path: The folder, which is created if missing.
-        verb: Verb that writes it.
+        verb: Subcommand that writes it.
         overwrite: Whether other files may be replaced, and a folder with other files may be used.
         holds: Function that returns whether an unlisted entry of the folder belongs there, such as a run.
         is_ours: Function that returns whether a folder without a list is ours, such as a folder written by an older
@@ -200,7 +200,7 @@ class OutputFolder:
                 self.path.rmdir()
 
     def _checked(self) -> dict[str, tuple[str, ...]]:
-        """Return the listed files; reject a folder, or files in it, that this verb did not write."""
+        """Return the listed files; reject a folder, or files in it, that this subcommand did not write."""
         path = self.path
         if (path.exists() or path.is_symlink()) and not path.is_dir():
             raise RunConflictError(f"{path}: this is a file. Choose another folder.")
@@ -220,7 +220,7 @@ class OutputFolder:
         return known
 
     def _listed(self) -> dict[str, tuple[str, ...]] | None:
-        """Return the files that the same verb has written here, or None without a list."""
+        """Return the files that the same subcommand has written here, or None without a list."""
         file = self.path / LIST_NAME
         if not file.is_file() or file.is_symlink():
             return None
@@ -264,10 +264,10 @@ def _is_name(name: str) -> bool:
 
 
 def is_run(path: Path) -> bool:
-    """Tell whether a folder entry is a run, which has its own lock."""
+    """Return whether a folder entry is a run, which has its own lock."""
     return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
 
 
 def is_bookkeeping(path: Path) -> bool:
-    """Tell whether a folder entry is a lock, a file list or a command's unfinished file."""
+    """Return whether a folder entry is a lock, a file list or a command's unfinished file."""
     return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

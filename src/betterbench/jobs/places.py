@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """A command's claim on a folder; it determines which files may be replaced."""
+    """Claim of a command on a folder, which determines which files may be replaced."""
 
     @property
     def thread(self) -> int:
@@ -52,7 +52,7 @@ def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
 
 
 def is_claimed_here(folder: Path) -> bool:
-    """Tell whether this thread has claimed a folder, so that its lock is already held."""
+    """Return whether this thread has claimed a folder, so that its lock is already held."""
     return any(claim is not None and claim.thread == threading.get_ident() for claim in _GUARDED.get(folder, []))
 
 

@@ -13,7 +13,7 @@ import time
 from betterbench.errors import printable
 
 MAX_SHOWN_BYTES = 1 << 20
-"""Maximum output of one process that is shown [byte]."""
+"""Maximum amount of output to show per process [byte]."""
 
 _LONGEST_LINE = 2000
 _PIECE = 1 << 16
@@ -36,7 +36,7 @@ class ProcessOutput:
         self._thread = threading.Thread(target=self._pass_on, name="policy output", daemon=True)
 
     def begin(self) -> None:
-        """Show the output from now on, after the start of the process."""
+        """Start showing the output, after the start of the process."""
         os.close(self.theirs)
         self._thread.start()
 

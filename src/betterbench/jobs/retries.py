@@ -1,4 +1,4 @@
-"""Retry ledger: remaining items, items whose workers died, and limits of retries."""
+"""Retry ledger: remaining items, items whose workers died, and retry limits."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RetryLedger(Generic[Item]):
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Return an item for an idle worker, which must get no other item until this item has ended."""
+        """Return an item for an idle worker, which must not get another item until this one has ended."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:

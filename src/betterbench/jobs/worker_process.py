@@ -16,7 +16,7 @@ from betterbench.jobs.lock import HeldFolder, write_within
 
 
 class SpawnedProcess:
-    """Child process with a pipe, in which Ctrl-C is blocked, because the parent process handles Ctrl-C.
+    """Child process with a pipe. Ctrl-C is blocked in it, because the parent process handles Ctrl-C.
 
     Attributes:
         process: The process.
@@ -76,7 +76,7 @@ def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the run is killed, to keep it from writing to a resumed run."""
+    """End this process when the run is killed, so that it does not write to the resumed run."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,4 +1,4 @@
-"""Learning: train small policies on demonstrations, and study the trained policies.
+"""Learning: training of small policies on demonstrations, and studies of the trained policies.
 
 - ``training``: from records to batches, the training loop, its validation and its curves (`better train`).
 - ``study``: training on every arm, evaluation, diagnosis and comparison (`better study`).

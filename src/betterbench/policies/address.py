@@ -1,4 +1,4 @@
-"""Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
+"""Policy addresses: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero``.
 
 Each policy kind declares the format of its addresses and their options; one parser reads all formats.
 """
@@ -50,7 +50,7 @@ class Option:
         return f"{self.name}KEY" if self.takes_key else self.name
 
     def fits(self, name: str) -> bool:
-        """Tell whether a name in an address refers to this option."""
+        """Return whether a name in an address refers to this option."""
         return name == self.name if not self.takes_key else name.startswith(self.name) and name != self.name
 
 
@@ -113,7 +113,7 @@ class AddressForm:
     port: int = 0
 
     def has(self, text: str) -> bool:
-        """Return whether an address has this scheme, with a target if the scheme requires a target."""
+        """Return whether an address has this scheme, including a target if the scheme requires one."""
         head = text.partition("?")[0]
         scheme, colon, _ = head.partition(":")
         needed = {"none": "", "required": ":"}.get(self.target, colon)
@@ -306,7 +306,7 @@ class PolicyAddress:
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return a value from a list of words; raise UnknownNameError for any other word."""
+        """Return a value that must be one of a list of words; raise UnknownNameError for any other word."""
         if name not in self.options:
             return default
         for word in choices:

@@ -1,4 +1,4 @@
-"""Batching of policy calls: simultaneous requests from several threads are answered in one call."""
+"""Batching of policy calls: simultaneous requests from several threads are answered by one call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PAUSE_S = 0.01  # interval at which a waiting call checks whether to expect mor
 
 @dataclass
 class _PendingQuestion(Generic[QuestionT, AnswerT]):
-    """Pending request of one thread, with its answer or the exception that it raised."""
+    """Pending request of one thread, with its answer or the exception raised for it."""
 
     question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)
@@ -107,7 +107,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
                 return
 
     def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
-        """Wait for the requests of the next call; a final None marks a closed collector."""
+        """Wait for the requests of the next call; None at the end marks a closed collector."""
         waiting = [self._waiting.get()]
         until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)
         while len(waiting) < self._limit and waiting[-1] is not None:

@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies, whose decisions the motor skills execute."""
+"""Decision rules of privileged policies, which the motor skills carry out."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class GraspAt:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """Decision to start toward an object and then stop for good; without an object, to never start."""
+    """Decision to start toward an object and then stop for good or, without an object, to never start."""
 
     toward: str | None
 
@@ -107,7 +107,7 @@ def bring_to(goal: Subgoal, name: str) -> Bring:
 
 
 def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
-    """Tell whether an object is at a subgoal's target."""
+    """Return whether an object is at a subgoal's target."""
     return relation(relation_name).holds(state, name, target, region)
 
 
@@ -142,7 +142,7 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
 
 
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
-    """Return the object to take for a subgoal, drawn by seed among equal objects that are not at the target yet."""
+    """Return the object to take for a subgoal, drawn by seed among equal objects not yet at the target."""
     goals = situation.condition.instruction.subgoals
     goal = goals[index]
     resolve = situation.condition.resolve
@@ -158,7 +158,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Expert rule: it follows the instruction in order and stops when it is done."""
+    """Expert rule, which follows the instruction in order and stops when it is done."""
 
     def __init__(self, situation: Situation) -> None:
         """Prepare for an episode."""
@@ -181,6 +181,6 @@ class ExpertRule:
         return self.make_way(state, goal.target) or bring_to(goal, name)
 
     def make_way(self, state: WorldState, target: str) -> Draw | None:
-        """Return the drawer action that is required before an object can be put into the target, or None."""
+        """Return the drawer action required before an object can be put into the target, or None."""
         due = drawer_to_move(self.situation.condition, state, target)
         return None if due is None else Draw(due[0], out=due[1])

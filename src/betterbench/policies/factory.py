@@ -20,11 +20,11 @@ from betterbench.sim.scenes import CONTROL_RATE_HZ
 from betterbench.sim.worlds import TrialScene
 
 SOURCE = "source file"
-"""Metadata key of a Python policy for its file and the file's SHA-256."""
+"""Metadata key for the file of a Python policy and its SHA-256."""
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return a policy's declarations, checked against a run if one is given. This contacts a server.
+    """Return the declarations of a policy, checked against a run if one is given. A server is contacted for this.
 
     Raises:
         UnknownNameError: If no policy has this address.

@@ -1,4 +1,4 @@
-"""Episode records and run folders: the privileged state on disk, readable without a simulator.
+"""Episode records and run folders: the privileged log on disk, readable without a simulator.
 
 - ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` creates it step
   by step.

@@ -91,7 +91,7 @@ class RecordBuilder:
         action: npt.NDArray[np.floating] | None = None,
         applied: npt.NDArray[np.floating] | None = None,
     ) -> None:
-        """Append one row: first the state at reset, then the state after each action.
+        """Append one row, which is the state at reset or the state after an action.
 
         The arrays ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,) are copied;
         activations are part of the physical state. ``action`` is the policy's answer and ``applied`` its clipped form,

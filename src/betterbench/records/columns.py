@@ -71,7 +71,7 @@ COLUMNS: tuple[Column, ...] = (
 """All columns with one value per row and width. Contacts are stored separately, because their number varies."""
 
 CONTACTS = "contacts"
-"""Name of the Parquet column that lists each row's contacts."""
+"""Name of the Parquet column with the contacts of each row."""
 
 _NUMBERS = {"float64": pa.float64(), "bool": pa.bool_(), "int16": pa.int16()}
 _CONTACT_FIELDS = [

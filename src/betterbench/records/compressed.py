@@ -10,13 +10,13 @@ _CODEC = pa.Codec("lz4_raw")
 
 
 def pack_block(data: bytes) -> bytes:
-    """Return a block in compressed form; the same block gives the same bytes on one installation."""
+    """Compress a block; the bytes are reproducible within one installation."""
     found: bytes = _CODEC.compress(data, asbytes=True)
     return found
 
 
 def unpack_block(data: memoryview | bytes, size: int) -> memoryview:
-    """Return a block of ``size`` bytes from its compressed form. Raises RecordError if it is damaged."""
+    """Decompress a block of ``size`` bytes. Raises RecordError if it is damaged."""
     try:
         return memoryview(_CODEC.decompress(data, size))
     except (pa.ArrowException, OSError, ValueError) as error:

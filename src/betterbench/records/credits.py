@@ -9,11 +9,11 @@ from typing import Protocol
 from betterbench.records.run import RunFolder
 
 LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
-"""Credit of all objects that our generators make, as the license file of the project says."""
+"""Credit for all objects made by our generators, according to the license file of the project."""
 
 
 class CreditedObject(Protocol):
-    """Object of a scene with its asset's origin; empty texts for the procedural library."""
+    """Scene object with the origin of its asset; the texts are empty for the procedural library."""
 
     @property
     def asset(self) -> str:
@@ -47,7 +47,7 @@ class AssetCredit:
 
 
 def credits_of(objects: Iterable[CreditedObject]) -> tuple[AssetCredit, ...]:
-    """Return the credits of assets that are not from the procedural library, each once, sorted."""
+    """Return the distinct credits of assets outside the procedural library, sorted."""
     found = {
         AssetCredit(each.asset.partition("#")[0], each.source, each.license or "unknown")
         for each in objects

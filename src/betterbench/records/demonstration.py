@@ -12,10 +12,11 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
 
 DemonstratorKind = Literal["expert", "amplified", "teleoperated"]
-"""A privileged expert, other demonstrations adapted to a new start, or a person."""
+"""Kind of demonstrator: a privileged expert, other demonstrations adapted to a new start, or a person."""
 
 SkillKind = Literal["pick", "place", "slide", "miss"]
-"""Pick an object, place it, slide it along its rails, or miss: close and open the gripper on nothing."""
+"""Kind of skill: pick an object, place it, slide it along its rails, or miss (close and open the gripper on
+nothing)."""
 
 _Row = Annotated[int, Field(ge=0)]
 
@@ -55,7 +56,7 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """The rows in which the gripper is near an object in order to pick, place or slide it.
+    """Rows in which the gripper is near an object in order to pick, place or slide it.
 
     Attributes:
         kind: Effect on the object.
@@ -87,7 +88,7 @@ class SkillWindow:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SubgoalSegment:
-    """The rows [start, stop) that serve one subgoal; a record's segments are contiguous.
+    """Rows [start, stop) that serve one subgoal; the segments of a record are contiguous.
 
     Attributes:
         subgoal: Name of the subgoal that is done at the end of these rows; "" for rows after the last subgoal.

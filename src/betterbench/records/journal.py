@@ -1,4 +1,4 @@
-"""Run journal: one line per finished trial, and the only source for resuming the run.
+"""Run journal with one line per finished trial, the only source for resuming a run.
 
 Each line contains its record's SHA-256, its scene's digest, and a link (the SHA-256 of the previous link and the line
 itself). The links detect changed, missing or reordered lines. Journals of older versions lack the scene digest, or all
@@ -60,7 +60,7 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
-    """JSON form of an entry. All fields are written; journals of older versions have no ground truth."""
+    """JSON representation of an entry. All fields are written; journals of older versions have no ground truth."""
 
     task: str
     condition: str
@@ -126,9 +126,9 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Append a mark that a finished trial without a record must be repeated; raise the errors of :meth:`append`.
+        """Append a mark that a finished trial without a record must be repeated.
 
-        Does nothing if the trial is not finished.
+        Raises the same errors as :meth:`append`. Does nothing if the trial is not finished.
         """
         if self.is_done(key):
             self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))

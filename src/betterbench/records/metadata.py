@@ -1,4 +1,4 @@
-"""Record metadata: its trial, the versions used, and the episode's outcome."""
+"""Metadata of a record: trial, versions, and outcome of the episode."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class RecordMetadata:
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; only demonstrations include the fields of demonstrations."""
+        """Return a JSON-serializable dict; fields specific to demonstrations are only included for demonstrations."""
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)

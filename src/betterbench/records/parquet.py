@@ -109,7 +109,7 @@ class _TrialOnly(BaseModel, strict=True):
 
 
 class RecordBrief(BaseModel):
-    """Trial, assets and outcome of a record, which a run compares without reading the columns."""
+    """Trial, assets and outcome of a record, which can be compared without reading the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome
@@ -155,7 +155,7 @@ def record_bytes(record: Record) -> bytes:
 
 
 def seal(data: bytes) -> bytes:
-    """Return a record's file with its digest inserted. Raises RecordError if the file lacks the placeholder."""
+    """Insert the digest into a record file. Raises RecordError if the file lacks the placeholder."""
     start, end = _seal_span(data)
     blank = data[:start] + NO_DIGEST + data[end:]
     return data[:start] + hashlib.sha256(blank).hexdigest().encode("ascii") + data[end:]

@@ -1,4 +1,4 @@
-"""Rows of Parquet files from other programs, whose large cells are read on demand."""
+"""Reader for rows of Parquet files from other programs, which reads large cells on demand."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CURE = "Download the file again"
 
 
 class ParquetRows:
-    """A Parquet file of another program; safe to read from several threads.
+    """Parquet file from another program, which several threads may read.
 
     Only one row group of one column is held in memory, so that files with embedded images can be larger than memory.
     """

@@ -1,4 +1,4 @@
-"""Record: the privileged log of one episode, complete enough to judge it again without a simulator."""
+"""Record: the privileged log of one episode, from which it can be judged again without a simulator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BLOCK_ROWS = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """The privileged log of one episode.
+    """Privileged log of one episode.
 
     Row 0 is the state at reset, row ``t`` the state after action ``t``. ``T`` is the number of rows, ``n`` the number
     of objects. All poses are in the world frame; the arrays are read-only.
@@ -140,7 +140,7 @@ class Record:
         return next(self._block(row, row + 1))
 
     def states(self) -> Iterator[WorldState]:
-        """Yield the state of every row, identical to the appended one."""
+        """Yield the state of every row, exactly as it was appended."""
         for start in range(0, len(self), _BLOCK_ROWS):
             yield from self._block(start, min(start + _BLOCK_ROWS, len(self)))
 

@@ -183,7 +183,10 @@ class RunFolder:
 
     @property
     def world(self) -> WorldFacts:
-        """Facts about the world in which the trials were run. Raises RecordError if the plan names an unknown world."""
+        """Properties of the world in which the trials were run.
+
+        Raises RecordError if the plan names an unknown world.
+        """
         return facts_of_plan(self.plan, where=str(self.path / "run.json"))
 
     @property
@@ -256,7 +259,7 @@ class RunFolder:
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
-        """Return the journal's last line about a trial, or None; raises the same errors as :meth:`entries`."""
+        """Return the last journal entry of a trial, or None; raises the same errors as :meth:`entries`."""
         return _known_entries(self.journal_path).get(trial)
 
     def record_digest(self, entry: JournalEntry) -> str:
@@ -536,7 +539,7 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
 
 
 def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain JSON data as if read from a file. Raises InvalidInputError for other data."""
+    """Return data as if they had been written to JSON and read back. Raises InvalidInputError for other data."""
     found: dict[str, Any] = json.loads(dump_json(form))
     return found
 
@@ -585,7 +588,7 @@ def _seed(seed: int) -> int:
 
 
 _GROWING = ("trials", "task_versions", "task_files")
-"""Parts of a plan that may grow when a run is continued, without changing planned trials."""
+"""Parts of a plan that may grow when a run is continued without changing planned trials."""
 
 
 def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:

@@ -1,4 +1,4 @@
-"""Archive of a compiled scene: a reproducible zip file, which may come from an untrusted source.
+"""Archive of a compiled scene, a reproducible zip file that may come from an untrusted source.
 
 The zip file's comment contains a digest of the scene name and all scene files (:func:`scene_digest`). The
 digest is verified before any file is used, to keep MuJoCo from loading a changed model or the archive of another scene.
@@ -25,10 +25,10 @@ MAX_SCENE_BYTES = 256 * 1024 * 1024
 """Largest size of a stored scene after decompression."""
 
 MAX_SCENE_FILES = 10_000
-"""Largest number of files of a stored scene."""
+"""Maximum number of files of a stored scene."""
 
 _LEVEL = 3
-"""Compression level: takes half the time of zlib's usual 6 (60 to 100 ms) and makes archives 5 % larger."""
+"""Compression level, which takes half as long as zlib's default 6 (60 to 100 ms) and makes archives 5 % larger."""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can store
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20

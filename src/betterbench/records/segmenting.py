@@ -1,4 +1,4 @@
-"""Record segments: rows of each subgoal, derived only from the states.
+"""Segmentation of records into subgoals, derived only from the states.
 
 A skill lasts from the action that closes the gripper to the action that opens it. If an object was held in between, the
 skill is a pick and place; if a drawer moved, a slide; otherwise, a miss. A skill's window begins when the tool comes
@@ -19,7 +19,7 @@ from betterbench.tasks import Condition, Subgoal
 from betterbench.tasks.relations import relation
 
 NEAR_M = 0.20
-"""Distance from the position of the gripper change at which a window begins [m]; longer than any straight approach."""
+"""Distance from the position of the gripper change at which a window begins [m], longer than any straight approach."""
 LIFTED_M = 0.06
 """Distance from that position at which a pick window ends [m]: the object is lifted and clear of its support."""
 LEFT_M = 0.10
@@ -27,12 +27,12 @@ LEFT_M = 0.10
 HELD_ROWS = 3
 """Minimum number of rows for which a picked object is held."""
 SLID_M = 0.005
-"""Minimum motion of a drawer in a slide [m]: the largest gap of a closed drawer."""
+"""Minimum motion of a drawer that counts as a slide [m], equal to the largest gap of a closed drawer."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """The rows [closed, opened) in which the gripper is commanded to close, with the object and the effect on it."""
+    """Rows [closed, opened) in which the gripper is commanded to close, with the object and the effect on it."""
 
     closed: int
     opened: int

@@ -1,4 +1,4 @@
-"""Plain tables as Parquet, with rows of texts, numbers and lists, for use with other tools."""
+"""Plain tables of texts, numbers and lists as Parquet, for use with other tools."""
 
 from __future__ import annotations
 

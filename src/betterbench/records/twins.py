@@ -1,4 +1,4 @@
-"""Twin demonstrations of a run: two records that are identical until their instructions take effect."""
+"""Twin demonstrations in a run: pairs of records that are identical until their instructions take effect."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ MOST_PAIRS = 100
 """Largest recommended number of pairs per variation."""
 
 MOST_VARIATIONS = 3
-"""Largest number of recommended variations."""
+"""Maximum number of recommended variations."""
 
 _SETTINGS = (
     ("--action-space", "action_space", "ee_delta"),
@@ -42,7 +42,7 @@ _SETTINGS = (
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """Grounds of a conclusion: its test, and the run needed to decide it.
+    """Basis of a conclusion: its test, and the run needed to decide it.
 
     Attributes:
         supported: Whether the test is passed at the usual level; True for a conclusion that only counts outcomes.
@@ -94,14 +94,14 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Return the claim that a kind of failure is typical of a policy in training, for a run without variations."""
+    """Return the claim that a kind of failure is typical in training, for a run without variations."""
     p = _above(count, n, USUAL_SHARE)
     test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return the grounds for a run without variations: the trials needed to judge reasoning, and their command."""
+    """Return the basis for a run without variations: the trials needed to judge reasoning, and their command."""
     text = "To diagnose its reasoning, run the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     if not tasks or not all(facts_of_task(task).measured for task in tasks):
@@ -120,7 +120,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return the claim that no failure was found, given that all variation trials were solved.
+    """Return the claim that no failure was found, for a run in which all variation trials succeeded.
 
     Six solved trials rule out a policy that fails half of the variation trials; five do not.
     """
@@ -137,7 +137,7 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Return the claim that the main failure kind is more than chance.
+    """Return the claim that the main kind of failure exceeds chance.
 
     It is supported if variations are solved less often than their twins, by the test of the illusion gap or a verdict
     of a run until decided. It is also supported if significantly more than :data:`USUAL_SHARE` of the variation trials

@@ -33,11 +33,11 @@ from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
-"""Largest share of failed variation trials that are considered exceptions: one of the suite's usual 20 trials."""
+"""Maximum share of failed variation trials that count as exceptions: one of the suite's usual 20 trials."""
 
 WEAK_SHARE = 0.5
-"""Success rate on training conditions below which the success of a policy is not evidence about its reasoning, because
-it has not learned the task. Its first attempts can still be judged."""
+"""Success rate on training conditions below which a policy has not learned the task, so that its success is no evidence
+about its reasoning. Its first attempts can still be judged."""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
@@ -52,7 +52,7 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The leading failure mode of some trials, with its counts among the failures and among all trials.
+    """Leading failure mode of some trials, with its counts among the failures and among all trials.
 
     ``look_alikes`` is the number of look-alikes that a policy's rule took from a trained slot, if it is at least the
     number of the rule's own trials.
@@ -71,7 +71,7 @@ class Failure:
 
     @property
     def share(self) -> str:
-        """Share of the failures with counts ("80 % of all failures (40/50), 40/240 variation trials").
+        """Share of the failures, with counts ("80 % of all failures (40/50), 40/240 variation trials").
 
         If all failures are of this kind, ``lead`` says so.
         """
@@ -380,7 +380,7 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
 
 
 def _counts(failed: Sequence[TrialDiagnosis], main: Label) -> tuple[int, int]:
-    """Return the failures that a label explains, and all failures of its kind."""
+    """Return the failures with a label, and all failures of its kind."""
     same = sum(trial.label is main for trial in failed)
     return same + _look_alikes(failed, main, same), sum(trial.kind is main.kind for trial in failed)
 
@@ -510,7 +510,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
 
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
-    """Return the sentence on the failures: their counts by kind, and the leading label."""
+    """Return the sentence about the failures: counts by kind, and the leading label."""
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     if main is None:

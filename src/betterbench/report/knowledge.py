@@ -30,7 +30,7 @@ class KnowledgeRow:
 
 @dataclass(frozen=True, slots=True)
 class GroupRow:
-    """Row of the table of knowledge against behavior for one group of trials.
+    """Row of the table of knowledge versus behavior, for one group of trials.
 
     Attributes:
         kind: Kind of group, for the heading of its part of the table.
@@ -46,7 +46,7 @@ class GroupRow:
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeView:
-    """The table of one policy and one model.
+    """Table of knowledge versus behavior for one policy and one model.
 
     Attributes:
         roles: Correct answers by role of the question, one phrase each.

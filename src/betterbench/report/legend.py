@@ -1,4 +1,4 @@
-"""Label and axis names on the page, and each label's meaning in one sentence."""
+"""Names of labels and axes on the page, with the meaning of each label in one sentence."""
 
 from __future__ import annotations
 

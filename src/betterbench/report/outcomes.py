@@ -19,7 +19,7 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """Part of an outcome bar: a failure mode or a success, and its number of trials."""
+    """Segment of an outcome bar: a failure mode or a success, with its number of trials."""
 
     mode: FailureMode
     count: int

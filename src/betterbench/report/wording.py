@@ -1,4 +1,4 @@
-"""Numbers as sentences and cells: percentages come with counts, differences with intervals."""
+"""Formatting of numbers for sentences and cells: percentages with counts, differences with intervals."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Figure:
 
     @property
     def digits(self) -> int:
-        """Smallest number of digits at which a difference matches its two printed sides, or 0 for other numbers."""
+        """Minimum number of digits at which a difference matches its two printed sides, or 0 for other numbers."""
         if self.sides is None or self.value is None:
             return 0
         for digits in range(3):

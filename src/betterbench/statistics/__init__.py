@@ -1,7 +1,7 @@
-"""Statistics with their uncertainty: intervals, exact tests, corrections, and the power of few trials.
+"""Statistics for small numbers of trials: intervals, exact tests, corrections for multiple testing, and power.
 
-Every function raises ``InvalidInputError``, which names the argument, for impossible counts and for levels, shares and
-probabilities out of range. Confidence levels and alpha are two-sided, strictly between 0 and 1.
+For impossible counts, and for levels, shares and probabilities out of range, every function raises an
+``InvalidInputError`` that names the argument. Confidence levels and alpha are two-sided, strictly between 0 and 1.
 """
 
 from betterbench.statistics.agreement import AgreementTable

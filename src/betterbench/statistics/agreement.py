@@ -14,7 +14,7 @@ from betterbench.statistics.interval import DEFAULT_CONFIDENCE, Interval, normal
 
 @dataclass(frozen=True, slots=True)
 class AgreementTable:
-    """Counts of items by the categories that two raters gave them.
+    """Counts of items by the categories assigned by two raters.
 
     Attributes:
         categories: Names of the categories, in the order of rows and columns.
@@ -58,7 +58,7 @@ class AgreementTable:
 
     @property
     def expected(self) -> float | None:
-        """Share expected if both rated independently with their own frequencies, None without items."""
+        """Fraction expected if both rated independently with their own frequencies, None without items."""
         if not self.n:
             return None
         table = np.array(self.counts, dtype=float)

@@ -1,4 +1,4 @@
-"""Bets on a bounded mean: evidence and intervals that are valid at any time and for any stopping rule.
+"""Tests and intervals for a bounded mean by betting, valid at any time and for any stopping rule.
 
 A bet against "the mean is at most m" starts with wealth 1, which is multiplied by ``1 + c (x - m) / (m - low)`` for
 every value ``x``. The stake ``c`` is between 0 and 1, so the wealth never becomes negative. If the mean is at most m,
@@ -34,12 +34,12 @@ SIGNED: Span = (-1.0, 1.0)
 
 
 def evidence_above(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence that bounded values have a mean above the given one, against "at most"."""
+    """Return the evidence that the mean of bounded values is above the given one, against "at most"."""
     return _wealth(_counted(values, mean, span), lambda x: (x - mean) / (mean - span[0]))
 
 
 def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -> float:
-    """Return the evidence that bounded values have a mean below the given one, against "at least"."""
+    """Return the evidence that the mean of bounded values is below the given one, against "at least"."""
     return _wealth(_counted(values, mean, span), lambda x: (mean - x) / (span[1] - mean))
 
 

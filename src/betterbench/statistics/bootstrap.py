@@ -1,4 +1,4 @@
-"""The paired bootstrap for a difference between rates, by stratum and by cluster."""
+"""Paired bootstrap for a difference between rates, by stratum and cluster."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArr
 
 
 def _names(where: str, names: Sequence[str] | None, n: int) -> list[str]:
-    """Return a list of names with one per pair, or an empty list if none are given."""
+    """Return the names as a list with one per pair, or an empty list if none are given."""
     if names is None:
         return []
     if len(names) != n:

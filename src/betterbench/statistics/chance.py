@@ -18,8 +18,8 @@ _TIE = 1e-7
 def chance_p(rate: Rate, *, chance: float) -> float:
     """Return the two-sided p-value of the exact binomial test against a chance level.
 
-    The p-value is the probability, under the chance level, of all outcomes that are not more likely than the observed
-    outcome.
+    The p-value is the total probability, under the chance level, of all outcomes that are at most as likely as the
+    observed one.
 
     Args:
         rate: The measured rate.

@@ -1,4 +1,4 @@
-"""Mean of scores that are not independent, such as answers about the same picture."""
+"""Mean of scores that are not independent, such as answers about the same image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rate differences with intervals: between two rates, and between a novel condition and the mean of seen ones."""
+"""Differences between rates, with intervals: two rates, or a novel condition and the mean of seen conditions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ POINTS = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A difference of rates.
+    """Difference between rates, with its interval.
 
     Attributes:
         value: First minus second, as a fraction, or None if a side has no trials.
@@ -51,7 +51,7 @@ class Difference:
         return self.low > 0.0 or self.high < 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; the ends and the value are fractions."""
+        """Return a JSON-serializable dict; value and interval ends are fractions."""
         return asdict(self)
 
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 EXACT_UP_TO = 16
-"""Largest number of pairs for which all flips are enumerated."""
+"""Maximum number of pairs for which all flips are enumerated."""
 DRAWN = 99_999
 _SLACK = 1e-9
 _AT_ONCE = 10_000_000
-"""Number of signs that are multiplied at the same time, to bound the memory."""
+"""Number of signs multiplied at once, to bound the memory."""
 
 
 def sign_flip_p(differences: Sequence[float], *, generator: np.random.Generator) -> float:

@@ -16,7 +16,7 @@ DEFAULT_CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """A closed interval of rates or of differences between rates."""
+    """Closed interval of rates or of differences between rates."""
 
     low: float
     high: float

@@ -1,4 +1,4 @@
-"""Compact letter display: significant differences of all pairs, as a few letters per item."""
+"""Compact letter display: the significant pairwise differences, as a few letters per item."""
 
 from __future__ import annotations
 

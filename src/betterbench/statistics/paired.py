@@ -1,4 +1,4 @@
-"""Pairs of trials: a trial and its counterfactual twin, or two policies on the same seeds."""
+"""Tests for paired trials: a trial and its counterfactual twin, or two policies on the same seeds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.statistics import special
 
 @dataclass(frozen=True, slots=True)
 class PairedTable:
-    """Counts of a pair's four possible outcomes."""
+    """Counts of pairs by their four possible outcomes."""
 
     both: int
     only_first: int

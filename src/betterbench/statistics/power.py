@@ -1,4 +1,4 @@
-"""Power of a given number of trials, and the smallest difference that they detect.
+"""Power of a given number of trials, and the smallest difference that they can detect.
 
 Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
 which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.
@@ -24,12 +24,12 @@ DEFAULT_POWER = 0.8
 """Probability of detecting a true difference; 80 % is the usual planning value."""
 
 EXACT_ARM_LIMIT = 300
-"""Largest number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
+"""Maximum number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
 Above this number, the normal approximation is used; at the limit, both give the same smallest difference to 0.1 points.
 """
 
 _NEGLIGIBLE = 1e-20
-"""Numbers of discordant pairs with a smaller probability are left out of sums over up to 1e8 numbers."""
+"""Probability below which a number of discordant pairs is left out of a sum (with up to 1e8 terms)."""
 
 _STEPS = 1000
 """Number of steps of 0.1 percentage points in the search for the smallest difference."""
@@ -74,8 +74,8 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
     mass = binomial_probabilities(n, min(1.0, discordant_share))
     m = np.flatnonzero(mass > _NEGLIGIBLE)
     m = m[m > 0]
-    # Largest smaller count that is still significant for m discordant pairs; -1 if none is. The rounded inverse of the
-    # distribution function is exact, or too high by one or two.
+    # Largest value of the smaller count that is significant for m discordant pairs; -1 if none is. The rounded inverse
+    # of the distribution function is exact, or too high by one or two.
     critical = np.floor(special.bdtrik(alpha / 2.0, m, 0.5)) + 1.0
     for _ in range(2):
         critical = np.where(2.0 * special.bdtr(critical, m, 0.5) <= alpha, critical, critical - 1.0)
@@ -143,7 +143,7 @@ def smallest_unpaired_difference(
 
 
 def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
-    """Return the smallest step within ``room`` with enough power, by bisection; power increases with the step."""
+    """Return the smallest step within ``room`` with enough power, by bisection, since power grows with the step."""
     low, high = 0, int(np.floor(room * _STEPS + 1e-9))
     if power_at(high / _STEPS) < power:
         return None

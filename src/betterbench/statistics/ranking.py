@@ -1,4 +1,4 @@
-"""Ranking quality of a score: the area under its ROC curve, and the rank correlation of two quantities."""
+"""Ranking quality: the area under the ROC curve of a score, and the rank correlation of two quantities."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
 
 
 EXACT_RANKS_UP_TO = 8
-"""Largest number of cases for which all orders are enumerated."""
+"""Maximum number of cases for which all orders are enumerated."""
 _DRAWN_ORDERS = 99_999
 _RESAMPLES = 10_000
 _SLACK = 1e-9
@@ -114,8 +114,8 @@ def rank_correlation(
 
     The interval is the wider of two: the percentile bootstrap over cases, and Fisher's transformation with the variance
     of Bonett and Wright (Psychometrika 65, 2000, 23-28). The latter uses at most the correlation of a ranking with one
-    exchange of neighbors, so that the interval of a perfect ranking has a width. Three or fewer cases have the interval
-    [-1, 1].
+    exchange of neighbors, so that the interval of a perfect ranking has a positive width. Three or fewer cases have the
+    interval [-1, 1].
 
     Args:
         first: Values of the first quantity, shape (n,).

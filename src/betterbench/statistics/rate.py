@@ -1,4 +1,4 @@
-"""Rate: share of trials with an outcome, with its uncertainty."""
+"""Rate: fraction of trials with an outcome, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Rate:
 
     @property
     def value(self) -> float | None:
-        """The share of successes as a fraction, or None without trials."""
+        """Fraction of successes, or None without trials."""
         return self.k / self.n if self.n else None
 
     @property

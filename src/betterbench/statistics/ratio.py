@@ -1,4 +1,4 @@
-"""Comparison of two differences from separate trials: the remaining part of a gap, as a ratio and as a difference."""
+"""Comparison of two independent differences, as a ratio and as a difference, for the part of a gap that remains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decimal rounding with halves away from zero."""
+"""Decimal rounding with ties away from zero."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ noise of binary arithmetic, which would move 7.685 up or down.
 
 
 def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decimal:
-    """Round to a number of decimals, with halves away from zero.
+    """Round to a number of decimals, with ties away from zero.
 
     Python's ``round`` gives 7.68 for 7.685, because the nearest float is below it and halves go to even digits. The
     tables of papers are rounded in decimal.

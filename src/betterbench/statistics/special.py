@@ -1,4 +1,4 @@
-"""SciPy's special functions, imported on first use because a run's workers need none of them."""
+"""SciPy's special functions, imported on first use because workers do not need them."""
 
 from __future__ import annotations
 

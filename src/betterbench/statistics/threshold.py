@@ -1,4 +1,4 @@
-"""Threshold of a stimulus at which answers become correct, such as the size at which a model reads an image.
+"""Stimulus threshold at which answers become correct, such as the image size that a model can read.
 
 The model is the psychometric function with guessing and lapses (Wichmann and Hill, "The psychometric function: I.
 Fitting, sampling, and goodness of fit", Perception & Psychophysics 63, 2001):
@@ -32,7 +32,7 @@ from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
 RESAMPLES = 100
 """Default number of bootstrap resamples."""
 LEAST_ITEMS, LEAST_CLUSTERS = 40, 8
-"""Fewest items and clusters for a conclusion."""
+"""Minimum numbers of items and clusters for a conclusion."""
 EDGE = 0.02
 """Share of the items beyond each end of the interval's permitted range: a threshold among the smallest or largest 2 %
 of the sizes is not bracketed by data."""
@@ -59,7 +59,7 @@ _Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class FurtherLoss:
-    """Fall of the mean score from the first condition to another that the sizes do not explain.
+    """Drop of the mean score from the first condition to another that the sizes do not explain.
 
     Attributes:
         value: The loss, as a fraction; below 0 for a gain.
@@ -116,13 +116,13 @@ class Threshold:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One item that was asked.
+    """Answer to one item.
 
     Attributes:
         size: Size of the stimulus, above 0.
         score: Score between 0 and 1.
         chance: Probability of guessing the answer; 0 if it cannot be guessed.
-        kind: Kind of item, with a knowledge of its own.
+        kind: Kind of item; each kind has its own knowledge parameter.
         cluster: Items with the same cluster are not independent.
         condition: Condition under which the item was asked.
     """

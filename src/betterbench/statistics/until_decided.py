@@ -1,4 +1,4 @@
-"""Trials until a verdict: tests whether variations drop compared with their twins, with as few trials as possible.
+"""Sequential allocation of trials: tests whether variations drop compared with their twins, with few trials.
 
 A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
 open questions get the same seeds, round by round. After every round, questions with a verdict get no more trials. The
@@ -45,7 +45,7 @@ class Verdict(StrEnum):
     NO_DROP = "no_drop"
     """The condition is not solved less often by the margin or more."""
     NOT_LEARNED = "not_learned"
-    """Like "no drop", but the twin fails in most pairs, so a drop could hardly show."""
+    """Like "no drop", but the twin fails in most pairs, so a drop could hardly be detected."""
     OPEN = "open"
     """None of these is proven yet."""
 
@@ -87,7 +87,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Question state: its verdict, counts and evidence.
+    """State of a question: verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds during which the question was open.
@@ -135,7 +135,7 @@ class Decisions:
 
 
 Outcomes = Callable[[str, int], bool | None]
-"""Returns whether a condition was solved with a seed, or None if unknown."""
+"""Function that returns whether a condition was solved with a seed, or None if unknown."""
 
 
 def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcomes, *, rule: StoppingRule) -> Decisions:

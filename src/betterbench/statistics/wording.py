@@ -1,4 +1,4 @@
-"""Text forms of numbers: counts with percentages, percentage points and p-values."""
+"""Formatting of numbers as text: counts with percentages, percentage points and p-values."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Axis(StrEnum):
-    """One of the four axes of causal intervention (paper, section 4)."""
+    """Axis of causal intervention, one of four (paper, section 4)."""
 
     SPATIAL_LAYOUT_SHIFT = "spatial_layout_shift"
     PRIMITIVE_RECOMPOSITION = "primitive_recomposition"
@@ -20,7 +20,7 @@ class Axis(StrEnum):
 
     @classmethod
     def of(cls, variation: str) -> Axis:
-        """Return the axis at the beginning of a variation's name.
+        """Return the axis denoted by the first letter of a variation's name.
 
         Raises:
             ValueError: If it begins with a letter other than L, R, O or T.
@@ -33,10 +33,10 @@ class Axis(StrEnum):
 
 
 class Expected(StrEnum):
-    """Behavior of a policy that understands the instruction.
+    """Expected behavior of a policy that understands the instruction.
 
-    If it is ambiguous, the premise is broken and no behavior is a failure: the trial is watched like a refusal and its
-    label is shown, but no rate counts it.
+    If it is "ambiguous", the premise is broken and no behavior is a failure: the trial is judged like a refusal and its
+    label is shown, but it is not counted in any rate.
     """
 
     SUCCEED = "succeed"

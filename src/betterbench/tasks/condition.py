@@ -15,9 +15,9 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 
 @dataclass(frozen=True, slots=True)
 class TargetRegion:
-    """Target region: a container, a rack hole, a stack layer, a drawer mount.
+    """Target region, such as a container, rack hole, stack layer or drawer mount.
 
-    The ``target`` is a name in the scene; the ``region`` is "" if the target has only one.
+    ``target`` is a name in the scene; ``region`` is "" if the target has only one.
     """
 
     target: str
@@ -129,6 +129,6 @@ class Condition:
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
         form["opened"] = dict(self.opened)
-        if self.cloth is None:  # so that conditions without a cloth keep their form
+        if self.cloth is None:  # so that the JSON of conditions without a cloth does not change
             del form["cloth"]
         return form

@@ -1,4 +1,4 @@
-"""File of release points and final poses measured in the expert's demonstrations, and look-up in this file.
+"""Release points and final poses measured in expert demonstrations: the file, and look-up in it.
 
 ``better certify --demonstrations`` writes the file. Scenes draw the poses of pre-placed objects from the final poses,
 and clause (b) of the certificate compares releases with the release points. The suite's file is part of the package;
@@ -145,7 +145,7 @@ class Demonstrated:
         return tuple(pose for found in alike or same or of_kind or there for pose in found.poses)
 
     def shows(self, target_kind: str, relation: str, region: str, *, assets: tuple[str, str]) -> bool:
-        """Return whether a demonstration brought this very object asset to this target asset."""
+        """Return whether a demonstration brought exactly this object asset to this target asset."""
         there = self._poses_at(target_kind, relation, region)
         return any((p.asset, p.target_asset) == assets for p in there)
 
@@ -192,7 +192,7 @@ _measured: dict[str, Demonstrated] = {}
 
 @contextmanager
 def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
-    """Set a task's measurements temporarily, because earlier demonstrations determine the starts of later ones."""
+    """Temporarily set a task's measurements, because earlier demonstrations determine the starts of later ones."""
     before = _measured.get(task)
     if found is not None:
         _measured[task] = found

@@ -1,4 +1,4 @@
-"""Outcome labels as values, in a package that tasks and diagnosis can both import.
+"""Outcome labels, in a package that both tasks and diagnosis can import.
 
 The meaning of a label, its rule and its text in reports are in its file in ``diagnosis/modes``.
 """
@@ -25,7 +25,7 @@ _LABELS: dict[str, Label] = {}
 
 
 class Label(str):
-    """A trial's outcome: a text with a kind; each name has exactly one object.
+    """Outcome label of a trial, a text with a kind; there is exactly one object per name.
 
     The order of the labels decides between evidence from the same moment. :func:`new_label` makes further labels.
 

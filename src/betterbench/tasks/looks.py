@@ -1,4 +1,4 @@
-"""Looks of the objects and rooms in a run: the usual looks used in training and test, or held-out looks."""
+"""Appearance of objects and rooms in a run: the default looks of training and tests, or held-out looks."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Named random streams, one generator per purpose.
+"""Named random streams, with one generator per purpose.
 
-Adding a camera does not move objects, and twins share every draw.
+Adding a camera therefore does not move objects, and twins share every draw.
 """
 
 import hashlib

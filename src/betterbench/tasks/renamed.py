@@ -1,4 +1,4 @@
-"""Earlier module names, for user files written before packages were renamed.
+"""Translation of earlier module names, for user files written before packages were renamed.
 
 Runs and checkpoints identify their task or learner file by the SHA-256 of its text, so the file cannot be edited when
 an imported module moves. Its imports are translated when it is loaded.
@@ -43,7 +43,7 @@ MODULES: Mapping[str, str] = {
     "demonstrations": "demonstrations.making",
     "datasets": "demonstrations.sets",
 }
-"""Current module by earlier name, both below ``betterbench``; submodules moved too."""
+"""Current name by earlier name of moved modules (with their submodules), relative to ``betterbench``."""
 
 NAMES: Mapping[tuple[str, str], str] = {
     ("recording", "LineJournal"): "jobs",

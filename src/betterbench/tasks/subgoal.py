@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of an instruction to an object: by its description, or by its start slot.
+    """How an instruction refers to an object: by description, or by start slot.
 
     Attributes:
         kind: Kind of the object ("burger", "red mug"), or None.

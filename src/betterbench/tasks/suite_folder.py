@@ -1,7 +1,6 @@
-"""Suites as folders: tasks in their JSON form, listed with digests in ``suite.json``.
+"""Suite folders: tasks as JSON, listed with digests in ``suite.json``.
 
-The folder name ends with the first digits of a digest over all tasks, so two people whose folders have the same name
-have the same benchmark.
+The folder name ends with the first digits of a digest over all tasks, so that equal names mean the same benchmark.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ def suite_schema() -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class SuiteFolder:
-    """A suite in a folder, whose files have the listed digests.
+    """Suite in a folder, whose files match the listed digests.
 
     Attributes:
         name: Name with the digits of the digest ("kitchen-3f2a91c0d4e5").
@@ -71,23 +70,23 @@ class SuiteFolder:
 
 
 def is_suite_folder(path: Path | str) -> bool:
-    """Return whether a path is a folder with the head of a suite."""
+    """Return whether a path is a suite folder."""
     return (Path(path) / HEAD).is_file()
 
 
 def require_suite_name(name: str, *, where: str = "name of the suite") -> None:
-    """Raise InvalidInputError unless a text can be the name of a suite, without the digest."""
+    """Raise InvalidInputError unless a text is a valid suite name (without the digest)."""
     if re.fullmatch(_NAME_PATTERN, name) is None:
         cure = "Use lower-case letters, digits and '_', beginning with a letter, at most 64 characters"
         raise InvalidInputError(where, f"{one_line(name, most=80)!r} is not a name", cure)
 
 
 def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str, dict[str, bytes]]:
-    """Return the name of a suite's folder, and its files by their path in the folder.
+    """Return the name of a suite's folder, and its files by path.
 
     Args:
         name: Suite name, without the digest.
-        forms: JSON forms of its tasks by name, as :func:`betterbench.tasks.task_to_json` writes them.
+        forms: its tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
         InvalidInputError: If the name is not one, or there is no task.

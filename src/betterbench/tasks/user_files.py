@@ -113,7 +113,7 @@ class TaskFile:
 
     @property
     def option_by_name(self) -> tuple[str, str]:
-        """Option that loads the file, with its name alone, for readers of a shared file who have it elsewhere."""
+        """Option that loads the file, without its folder, for readers of a shared file who have it elsewhere."""
         if self.is_asset_folder:
             return "--asset-dir", Path(self.path).parent.name
         return "--task-file", Path(self.suite or self.path).name
@@ -164,7 +164,7 @@ class _Loader(importlib.abc.ExecutionLoader):
 
 
 READERS: dict[str, Callable[[TaskFile], None]] = {}
-"""Functions that register the content of files of other formats than Python, by suffix (".json")."""
+"""Functions that register the content of non-Python files, by suffix (".json")."""
 
 _files: dict[str, TaskFile] = {}
 _origins: dict[tuple[str, str], _Origin] = {}
@@ -312,7 +312,7 @@ def origins_of(tasks: Iterable[str], *, worlds: Iterable[str] = ()) -> dict[str,
 
 
 def code_of(kind: str, name: str) -> str | None:
-    """Return the code that registers a name: "sha256 ..." of a user's file, or package and version.
+    """Return the origin of a registered name: "sha256 ..." of a user's file, or package and version.
 
     Returns None if the name is built in.
 
@@ -326,7 +326,7 @@ def code_of(kind: str, name: str) -> str | None:
 
 @contextmanager
 def explaining(kind: str, name: str) -> Iterator[None]:
-    """Turn an error of the code that registers a name into one with its file and line, for user code.
+    """Add file and line to an error of user code that registers a name.
 
     Raises:
         InvalidInputError: If the code raises an error.
@@ -392,7 +392,7 @@ def options_for(tasks: Iterable[str]) -> str:
 
 
 def options_by_name(tasks: Iterable[str]) -> tuple[str, ...]:
-    """Return the options that load the files of tasks, with the names of files and folders alone, as words."""
+    """Return, as words, the options that load the files of tasks, without leading folders."""
     hashes = {file["sha256"] for file in origins_of(tasks).get("task_files", ())}
     options = dict.fromkeys(file.option_by_name for file in _files.values() if file.sha256 in hashes)
     return tuple(word for option in options for word in option)
@@ -474,7 +474,7 @@ def _registering(origin: _Origin) -> Iterator[None]:
 
 @contextmanager
 def _errors_explained(path: str) -> Iterator[None]:
-    """Turn an error in a user's file into one with file and line.
+    """Add file and line to an error in a user's file.
 
     Raises:
         InvalidInputError: If the file raises an error.

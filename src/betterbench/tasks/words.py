@@ -1,4 +1,4 @@
-"""Nouns in sentences about objects: articles, plurals, mass nouns, and verbs that agree with a kind's name."""
+"""Grammar of object nouns in sentences: articles, plurals, mass nouns, and verb agreement."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def with_article(phrase: str) -> str:
 
 
 def is_countable(kind: str) -> bool:
-    """Tell whether "both" and "another" can be said of a kind: of apples, but not of fries or lettuce."""
+    """Return whether a kind is countable, so that "both" and "another" apply (an apple, but not fries or lettuce)."""
     return not is_plural(kind) and kind.rsplit(maxsplit=1)[-1] not in MASS_NOUNS
 
 
@@ -33,12 +33,12 @@ def plural(kind: str) -> str:
 
 
 def is_plural(kind: str) -> bool:
-    """Tell whether a kind's name is a plural: "fries" is a plural, "glass" and "cactus" are not."""
+    """Return whether the name of a kind is a plural, like "fries" but unlike "glass" and "cactus"."""
     return kind.endswith("s") and not kind.endswith(("ss", "us", "is"))
 
 
 def agreeing(kind: str, one: str, many: str) -> str:
-    """Return the word that agrees with a kind: "is" with "burger", "are" with "fries"."""
+    """Return the verb form that agrees with a kind: "is" for "burger", "are" for "fries"."""
     return many if is_plural(kind) else one
 
 

@@ -1,4 +1,4 @@
-"""Static evaluation of vision-language models: published benchmarks and our own question sets.
+"""Static evaluation of vision-language models on published benchmarks and our own question sets.
 
 - ``items``: items of a benchmark with images on demand; ``pictures`` reads images from files and tables.
 - ``benchmarks``: one file per benchmark, which reads every published form of the data; ``rows`` reads files.

@@ -1,4 +1,4 @@
-"""Comparison of the size of a data set with its published size."""
+"""Completeness check: comparison of the size of a data set with its published size."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Completeness:
 
     @property
     def sentence(self) -> str:
-        """The difference in words; empty if there is none."""
+        """Description of the difference, or an empty text."""
         if self.is_complete:
             return ""
         differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]
@@ -59,5 +59,5 @@ def completeness_of(benchmark: Benchmark, items: ItemSet) -> Completeness:
 
 
 def _plain(name: str) -> str:
-    """Return the first word of a group's name in small letters; mirrors write "Daily life" and "daily_life"."""
+    """Return the first word of a group's name in lower case, because mirrors write "Daily life" or "daily_life"."""
     return name.replace("_", " ").strip().lower().partition(" ")[0]

@@ -1,7 +1,7 @@
-"""Size of objects that a model needs to answer questions about them, estimated from its answers.
+"""Eyesight: object size that a model needs to answer questions, estimated from its answers.
 
-The items of our own sets know the size of their objects in the image. From one run, a psychometric function gives the
-size at which half of the questions are read (:mod:`betterbench.statistics.threshold`). From runs of the same model with
+Items of our own sets store the size of their objects in the image. From one run, a psychometric function gives the size
+at which half of the questions are read (:mod:`betterbench.statistics.threshold`). From runs of the same model with
 several eyes, it tells whether one size explains all scores: then the loss is only eyesight. All sizes are at the
 effective resolution of the eyes (:func:`~betterbench.vlm.models.eyes.size_in_detail`), as geometric means of width and
 height in pixels.
@@ -25,7 +25,7 @@ from betterbench.vlm.scoring import StaticScore
 LEAST_OF_FAMILY = 20
 """Families with fewer questions share the knowledge of their type."""
 LEAST_PX = 0.5
-"""Smallest size; parts of pixels cannot be read [pixel]."""
+"""Minimum size, because fractions of a pixel cannot be read [pixel]."""
 
 
 def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> list[Reading]:
@@ -39,7 +39,7 @@ def readings_of(items: ItemSet, score: StaticScore, eyes: Eyes, column: str) -> 
 
 
 class Grouped(Protocol):
-    """Item of a benchmark, as read from its data or from a run."""
+    """Item of a benchmark, read from its data or from a run."""
 
     @property
     def groups(self) -> Mapping[str, str]:
@@ -55,13 +55,13 @@ class Grouped(Protocol):
 
 
 def reading(size: float, score: float, item: Grouped, eyes: str) -> Reading:
-    """Return an item with a known size [pixel]; its kind is its type and family."""
+    """Return the reading of an item with a known size [pixel]; its kind is its type and family."""
     kind = f"{item.groups.get('type', '')}\n{item.groups.get('family', '')}"
     return Reading(max(size, LEAST_PX), score, item.chance or 0.0, kind, item.cluster, str(eyes))
 
 
 def with_common_kinds(readings: Sequence[Reading]) -> list[Reading]:
-    """Return readings whose kind is the family, or the type of a rare family."""
+    """Return readings whose kind is the family or, for a rare family, the type."""
     counts = Counter(r.kind for r in readings)
     kinds = {kind: kind.split("\n")[counts[kind] >= LEAST_OF_FAMILY] for kind in counts}
     return [replace(r, kind=kinds[r.kind]) for r in readings]
@@ -91,7 +91,7 @@ def eyesight_sentence(found: Threshold) -> str:
 
 @dataclass(frozen=True, slots=True)
 class EyesightComparison:
-    """Eyesight of one model over runs with several eyes, on one benchmark.
+    """Eyesight of one model on one benchmark, over runs at several resolutions (``--eyes``).
 
     Attributes:
         name: Name of the model, with all settings that the runs share.
@@ -147,7 +147,7 @@ class EyesightComparison:
 
 
 def compare_eyes(name: str, benchmark: str, runs: Sequence[tuple[str, Sequence[Reading]]]) -> EyesightComparison | None:
-    """Compare runs of one model with several eyes on the same items, or return None if no sizes are known.
+    """Compare runs of one model at several resolutions on the same items; None if no sizes are known.
 
     Args:
         name: Name of the model.

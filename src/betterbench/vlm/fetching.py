@@ -19,7 +19,7 @@ from betterbench.json_form import file_digest
 from betterbench.vlm.benchmarks.benchmark import Benchmark, DataFile
 
 HUB_VARIABLE = "HF_ENDPOINT"
-"""Environment variable with another address of the hub, as for the hub's own client."""
+"""Environment variable with an alternative address of the hub, as in the hub's own client."""
 _HUB = "https://huggingface.co"
 _PIECE = 1 << 20
 _TIMEOUT_S = 60.0
@@ -28,7 +28,7 @@ _MOST_BYTES = 4 << 30
 
 @dataclass(frozen=True, slots=True)
 class FetchedFile:
-    """A file of the data on disk, with its size [byte]."""
+    """Data file on disk, with its size [byte]."""
 
     path: str
     size: int
@@ -40,7 +40,7 @@ class FetchedFile:
 
 
 def fetch_data(benchmark: Benchmark, folder: Path, *, on_progress: OnCount | None = None) -> list[FetchedFile]:
-    """Download the files of a benchmark that are missing in a folder.
+    """Download the missing files of a benchmark into a folder.
 
     A file is written under a temporary name and then renamed, so a file with its final name is complete.
 

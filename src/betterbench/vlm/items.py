@@ -46,7 +46,7 @@ class Gold:
 
     @property
     def written(self) -> str:
-        """The correct answer as text: the answer, the edges of the box, the name of the mask, or nothing."""
+        """The correct answer as text: the answer, the edges of the box, the name of the mask, or an empty text."""
         if self.text is not None:
             return self.text
         return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")
@@ -100,7 +100,7 @@ class Item:
     chance: float | None = None
 
     def size_px(self, eyes: Eyes) -> float | None:
-        """Return the size of the smallest object at the resolution of the eyes [pixel], if it is known.
+        """Return the size of the smallest object at the resolution shown to the model [pixel], if known.
 
         The size is the geometric mean of width and height.
         """
@@ -161,7 +161,7 @@ class ItemSet:
         return digest.hexdigest()
 
     def request(self, item: Item, prompt: str, eyes: Eyes = Eyes.NATIVE) -> Request:
-        """Return the request for an item with a given prompt and resolution of images."""
+        """Return the request for an item with a prompt and an image resolution."""
         return Request(prompt, partial(self._pictures, item, eyes))
 
     def _pictures(self, item: Item, eyes: Eyes) -> tuple[bytes, ...]:
@@ -184,5 +184,5 @@ class ItemSet:
 
 
 def _plain(value: Item | Gold) -> dict[str, Any]:
-    """Return the fields by name; ``asdict`` copies each value and takes ten times as long."""
+    """Return the fields by name; ``asdict`` would copy each value and take ten times as long."""
     return {f.name: getattr(value, f.name) for f in fields(value)}

@@ -1,4 +1,4 @@
-"""Differences between paired scores of items, and their tests, by cluster."""
+"""Differences between paired item scores, with tests by cluster."""
 
 from __future__ import annotations
 

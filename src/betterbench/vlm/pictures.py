@@ -31,7 +31,7 @@ _OF_PNG = ("1", "L", "LA", "P", "RGB", "RGBA", "I;16")
 
 
 def size_of(data: bytes, where: str) -> tuple[int, int]:
-    """Return columns and rows of an image from its header; raise InvalidInputError if it is not an image."""
+    """Return the width and height of an image from its header; raise InvalidInputError if it is not an image."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -51,7 +51,7 @@ def not_a_picture(where: str, error: Exception) -> InvalidInputError:
 
 
 def require_whole(data: bytes, where: str) -> None:
-    """Raise InvalidInputError if a picture is too large, is cut off, or cannot be decoded.
+    """Raise InvalidInputError if an image is too large, truncated, or cannot be decoded.
 
     Decoding takes most of the processor time of a request, so the checksums of a PNG file stand for its pixels (0.1
     instead of 9 ms for 640 x 480 pixels), and a JPEG file is decoded to its end at an eighth of its size (0.6 instead
@@ -107,7 +107,7 @@ def mask_of(data: bytes, where: str, *, above: int = 0) -> npt.NDArray[np.bool_]
 
 
 def file_in(folder: Path, place: str, *, where: str) -> Path:
-    """Return the path of a file that a row of the data names.
+    """Return the path of a file named in a data row.
 
     Raises:
         InvalidInputError: If the path leads out of the folder, or the file is missing.

@@ -1,4 +1,4 @@
-"""Test whether a static score predicts the illusion gap, over several policies.
+"""Test of whether a static score predicts the illusion gap over several policies.
 
 The paper uses static evaluation as a proxy for a policy's understanding. If that holds, a policy whose model has a
 higher static score, or a smaller static illusion gap, loses less when the scene changes.
@@ -17,7 +17,7 @@ from betterbench.tasks.randomness import stream
 from betterbench.vlm.stored import StoredRun
 
 LEAST_POLICIES = 5
-"""Smallest number of policies for a conclusion: the exact test cannot reach p < 0.05 with four."""
+"""Minimum number of policies for a conclusion; with four, the exact test cannot reach p < 0.05."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,8 @@ from betterbench.vqa.parsing.points import exact_groups
 from betterbench.vqa.question import Form
 
 TOLERANCE = 0.1
-"""Largest error of an answer that fits, as a fraction of the image's side: three standard deviations of a pointing
-noise of 3 %."""
+"""Maximum error of an answer that counts as matching, as a fraction of the image's side: three standard deviations of a
+pointing noise of 3 %."""
 _MOST_FITTING = 0.8
 """Minimum fraction of answers that fit."""
 _FEWEST = 6
@@ -86,7 +86,7 @@ class Target:
         return file.getvalue()
 
     def error(self, numbers: Sequence[Fraction], order: Order, scale: tuple[int, int]) -> float:
-        """Return the largest distance of an answer from the truth along a side, as a fraction of the side.
+        """Return the largest error of an answer along a side, as a fraction of the side.
 
         Args:
             numbers: Two numbers for a point, or four for a box.
@@ -190,7 +190,7 @@ class Finding:
         return f"{best.words}, with a median error of {100 * best.error:.0f} % of the side"
 
     def require(self, declared: Coordinates) -> None:
-        """Raise InvalidInputError if the answers show another order or scale than the declared convention."""
+        """Raise InvalidInputError if the answers reveal a different order or scale than the declared convention."""
         problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
         if self.found is None:
             if self.readable >= _FEWEST and len(self.fitting) == 1:
@@ -281,7 +281,7 @@ def finding_of(
 
 
 def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes = Eyes.NATIVE) -> Request:
-    """Return the request for the place of a target's shape, in a declared convention or in the model's own."""
+    """Return the request for the position of a target shape, in a declared convention or the model's own."""
     shown = shown_picture(target.picture(), eyes)
     asked = "the coordinates of the center" if target.shape == "disk" else "the bounding box"
     prompt = f"Give {asked} of the {target.color} {target.shape} in the image."
@@ -292,7 +292,7 @@ def request_for(target: Target, declared: Coordinates | None = None, eyes: Eyes 
 
 
 def _numbers(text: str) -> list[Fraction]:
-    """Return the numbers of the last point or box in a text as they are written, or an empty list."""
+    """Return the numbers of the last point or box in a text as written, or an empty list."""
     value = read_text(AnswerSpec(Form.POINTS, convention=CONVENTIONS["pixels"]), text).answer
     return list(exact_groups(value)[-1]) if value else []
 
@@ -307,7 +307,7 @@ def _fit(read: Sequence[tuple[Target, list[Fraction]]], order: Order, side: int 
 
 
 def _convention(fit: Fit, texts: Sequence[str]) -> Coordinates | None:
-    """Return the convention with an order and scale whose written form is the most frequent in the answers."""
+    """Return the convention with an order and scale whose format is the most frequent in the answers."""
     side = next(number for number, name in _SCALES.items() if name == fit.scale)
     known = [c for c in CONVENTIONS.values() if (c.order, c.side) == (fit.order, side)]
     forms = [_written_form(text) for text in texts if _numbers(text)]

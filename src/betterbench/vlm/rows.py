@@ -1,4 +1,4 @@
-"""Rows of published data in JSON, JSON lines and Parquet, with errors that name file, row and column."""
+"""Reader for rows of published data in JSON, JSON lines and Parquet, whose errors name file, row and column."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from betterbench.json_form import open_ordinary, parse_json, read_bounded
 from betterbench.records.parquet_rows import ParquetRows
 
 MOST_BYTES = 2 << 30
-"""Largest JSON file that is read [byte]; the largest published one has 1.2 GB."""
+"""Maximum size of a JSON file to read [byte]; the largest published one has 1.2 GB."""
 _CURE = "Give the file as published, or the row in that form"
 _FOLDERS = ("", "data", "default", "annotations")
 Span = tuple[int, int]
 """Beginning and end of a row in a file [byte]."""
 _BLOCK = 1 << 22
 _TOKEN = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*("?)|[\[\]{}]', re.DOTALL)
-"""Texts and brackets of JSON; a text whose end is missing has an empty group."""
+"""Pattern of the strings and brackets in JSON; for an unterminated string, the group is empty."""
 _QUOTE, _BRACE, _BRACKET = b'"{['
 
 
@@ -51,7 +51,7 @@ class Row:
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of several names that is a column; raise InvalidInputError if none is."""
+        """Return the first of several names that is a column; raise InvalidInputError if there is none."""
         for name in names:
             if name in self.columns:
                 return name
@@ -175,7 +175,7 @@ def _parsed_rows(file: Path) -> list[Row]:
 
 
 def _spans_of(file: Path) -> list[Span] | None:
-    """Return the place of each row in a JSON list or in JSON lines; None for a document of another form."""
+    """Return the position of each row in a JSON list or in JSON lines, or None for a document of another structure."""
     try:
         with open_ordinary(file) as opened:
             if os.fstat(opened.fileno()).st_size > MOST_BYTES:
@@ -195,7 +195,7 @@ def _lines_in(opened: BinaryIO) -> list[Span]:
 
 
 def _objects_in(opened: BinaryIO) -> list[Span] | None:
-    """Return the places of the objects of a list, reading block by block; None unless the document is such a list."""
+    """Return the positions of the objects in a list, read block by block; None if the document is not such a list."""
     spans, depth, is_over = list[Span](), 0, False
     data, base, at, kept = b"", 0, 0, 0  # ``kept`` is the beginning of the object, or the end of the last one
     while block := opened.read(_BLOCK):

@@ -1,4 +1,4 @@
-"""A resumable run of a model over a static benchmark.
+"""Resumable run of a model over a static benchmark.
 
 A run folder contains ``run.json`` (the benchmark, the model, the prompt and the convention; written first),
 ``shown.png`` (an image at each resolution), ``probe.jsonl`` (answers of the probe of coordinates), ``answers.jsonl``
@@ -125,7 +125,7 @@ class StaticRun:
 
     @property
     def refusal(self) -> str:
-        """Most frequent reason of rejected requests; empty if none was rejected."""
+        """Most frequent reason for rejected requests, or empty."""
         reasons = Counter(answer.error for answer in self.answers.answers.values() if answer.error is not None)
         return reasons.most_common(1)[0][0] if reasons else ""
 
@@ -235,7 +235,7 @@ def _head(
 
 
 def _begin(out: Path, head: dict[str, Any]) -> dict[str, Any]:
-    """Write the head of a new run, or return the stored head of the same run.
+    """Write the header of a new run, or return the stored header of the same run.
 
     A run without an extractor may be resumed with one, which reads its remaining answers.
     """
@@ -260,14 +260,14 @@ def _show(items: ItemSet, out: Path) -> None:
     try:
         sheet = contact_sheet(items.read(name))
     except NOT_A_PICTURE:
-        return  # the request about this picture says what is wrong with it
+        return  # the request for this image will report what is wrong with it
     write_durably(out / SHOWN_NAME, sheet)
 
 
 def _check_convention(
     items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: Bar
 ) -> Sequence[ModelAnswer]:
-    """Return the answers to images with known places; raise InvalidInputError if they have another convention."""
+    """Return the answers to images with known positions; raise InvalidInputError if they follow another convention."""
     if not settings.probe or all(item.form not in PLACES for item in items.items):
         return ()
     with bar("checking the coordinates", len(TARGETS)) as on_progress:
@@ -302,7 +302,10 @@ def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: 
 
 
 def _require_accepted(found: Answers, file: Path) -> None:
-    """Remove a file in which every request was rejected, and raise ModelError: a score of 0 would be of no answer."""
+    """Remove an answer file in which every request was rejected, and raise ModelError.
+
+    A score of 0 would mean nothing.
+    """
     refused = Counter(answer.error for answer in found.answers.values())
     if not refused or None in refused:
         return
@@ -317,7 +320,7 @@ def _require_accepted(found: Answers, file: Path) -> None:
 def _extracted(
     items: ItemSet, extractor: Model, texts: Mapping[str, str], out: Path, *, settings: RunSettings, bar: Bar
 ) -> Answers:
-    """Ask the extractor about the answers that the parser cannot read."""
+    """Let the extractor read the answers that the parser cannot."""
     convention = settings.convention
     requests: dict[str, Request] = {}
     for item in items.items:

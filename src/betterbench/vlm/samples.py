@@ -1,9 +1,9 @@
-"""Log of samples in the form of lmms-eval, for tools that read its logs.
+"""Sample logs in the format of lmms-eval, for tools that read its logs.
 
-The form is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf): a file
-``MODEL/DATE_samples_TASK.jsonl`` with one line per sample, without the document, and without ``resps`` where they
-equal ``filtered_resps``. The metric is our score, because lmms-eval's own parsers give other scores for the same
-texts (:mod:`betterbench.vlm.official`).
+The format is that of ``save_results_samples`` in ``loggers/evaluation_tracker.py`` of lmms-eval (commit 75571cf): a
+file ``MODEL/DATE_samples_TASK.jsonl`` with one line per sample, without the document, and without ``resps`` where they
+equal ``filtered_resps``. The metric is our score, because lmms-eval's own parsers give other scores for the same texts
+(:mod:`betterbench.vlm.official`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from betterbench.vlm.stored import StoredItem, StoredRun, is_static_run, read_st
 from betterbench.vqa.asking import ModelAnswer, read_stored_answers
 
 TASKS = {"better-vqa": "better_vqa", "embspatial": "embspatial", "refspatial": "refspatial", "egoplan2": "egoplan2"}
-"""Name of lmms-eval's task by benchmark; our own set has none there."""
+"""Name of the lmms-eval task by benchmark; our own set has none."""
 METRIC = "betterbench_score"
 
 

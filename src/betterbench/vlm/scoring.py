@@ -199,7 +199,7 @@ def _score(items: ItemSet, item: Item, text: str | None, convention: Convention,
 
 
 def score_of(items: ItemSet, item: Item, value: str | None) -> tuple[Fraction, bool]:
-    """Return the score of a value between 0 and 1, and whether its place leaves the image."""
+    """Return the score of a value between 0 and 1, and whether its position is outside the image."""
     if value is None:
         return Fraction(0), False
     if item.form in (Form.BOX, Form.POINT, Form.POINTS):

@@ -1,7 +1,7 @@
 """Static illusion gap: accuracy on training scenes minus accuracy on interventions, over questions and their twins.
 
-It is the counterpart of the acted illusion gap: the same scenes and seeds, asked instead of acted. Twins are matched by
-:func:`~betterbench.vqa.twins.static_twins`. Pairs about the same training scene are kept together.
+It is the counterpart of the acted illusion gap, with questions instead of actions on the same scenes and seeds. Twins
+are matched by :func:`~betterbench.vqa.twins.static_twins`. Pairs about the same training scene are kept together.
 """
 
 from __future__ import annotations

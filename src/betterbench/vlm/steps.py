@@ -1,8 +1,9 @@
-"""Comparison of runs of ``better vlm`` step by step, in the layout of the paper's Table 3.
+"""Stepwise comparison of ``better vlm`` runs, in the layout of the paper's Table 3.
 
-A row is a model with its eyes and its prompt. A column is a benchmark. Each row is compared with the row above it on
-the same items, and a step is supported only if its paired test passes Holm's correction over all steps of the table.
-The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls from 33.38 to 31.95 after co-training.
+A row is a model with its image resolution and prompt. A column is a benchmark. Each row is compared with the row above
+it on the same items, and a step is supported only if its paired test passes Holm's correction over all steps of the
+table. The paper bases such steps on single numbers; for example, EgoPlan-Bench2 falls from 33.38 to 31.95 after co-
+training.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ FACTORS = {
     "extractor": "extractor",
     "max_tokens": "longest answer",
 }
-"""Settings of a run that may explain a difference, with their words."""
+"""Settings of a run that may explain a difference, with their display names."""
 _ABOUT_THE_MODEL = ("model", "eyes", "tiles")
 
 
@@ -53,7 +54,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One combination of model, eyes and prompt, with the headline numbers by benchmark."""
+    """Row of the comparison: a model, resolution and prompt, with the headline numbers by benchmark."""
 
     name: str
     cells: dict[str, Cell]
@@ -216,7 +217,7 @@ def step_table(
 
 
 def _names(runs: Sequence[StoredRun]) -> list[str]:
-    """Return the name of each run's row: model, eyes, tiles, and the prompt where it alone tells runs apart."""
+    """Return the row name of each run: model, resolution, tiles, and the prompt if only that distinguishes runs."""
     plain = [(_name(run), run.benchmark.name) for run in runs]
     prompts = defaultdict[tuple[str, str], set[str]](set)
     for key, run in zip(plain, runs, strict=True):
@@ -299,7 +300,7 @@ def _group_steps(
 def _explained(
     step: GroupStep, steps: Sequence[GroupStep], rows: dict[str, dict[str, StoredRun]], column: str, alpha: float
 ) -> GroupStep:
-    """Return a step with the smaller groups that explain it, such as the relation that explains the loss of a type."""
+    """Return a step with the smaller groups that explain it, such as the relation behind a question type's loss."""
     same = (step.upper, step.lower, step.benchmark)
     smaller = [s for s in steps if s.is_supported and (s.upper, s.lower, s.benchmark) == same and s.n < step.n]
     if not step.is_supported or not smaller:
@@ -336,7 +337,7 @@ def _steps_of_groups(upper: str, lower: str, above: StoredRun, below: StoredRun,
 def _eyesight(
     rows: dict[str, dict[str, StoredRun]], benchmarks: Sequence[str], column: str
 ) -> Iterator[EyesightComparison]:
-    """Yield the comparison of runs that differ only in their eyes and tiles."""
+    """Yield the comparison of runs that differ only in resolution and tiles."""
     same = [key for key in FACTORS if key not in ("eyes", "max_tiles")]
     for benchmark in benchmarks:
         models: dict[tuple[Any, ...], dict[str, StoredRun]] = defaultdict(dict)
@@ -354,7 +355,7 @@ def _eyesight(
 
 
 def _eyes(run: StoredRun) -> str:
-    """Return the eyes of a run, with the number of tiles if it was given."""
+    """Return the resolution setting of a run, with the number of tiles if it was given."""
     tiles = run.head.get("max_tiles")
     return str(run.head.get("eyes", "native")) + ("" if tiles is None else f", {tiles} tiles")
 

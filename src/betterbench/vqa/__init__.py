@@ -1,4 +1,4 @@
-"""Visual questions with answers proven by records, and comparison of a model's knowledge with a policy's behavior.
+"""Visual questions whose answers follow from records, and comparison of a model's knowledge with a policy's behavior.
 
 - ``types``: one file per type of question; ``phrasings`` and ``nouns`` contain their texts, ``difficulty`` grades them.
 - ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` balances their

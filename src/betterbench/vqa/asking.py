@@ -1,7 +1,7 @@
-"""Asking a model, and scoring its answers to a set of questions by type.
+"""Requests to a model, and scores of its answers by question type.
 
-:func:`ask_all` is the only way in which betterbench asks a vision-language model: ``better vqa --ask``, ``better vlm``
-and its extractor use it, and write the same file of answers.
+:func:`ask_all` is the only function that queries a vision-language model: ``better vqa --ask``, ``better vlm`` and its
+extractor use it, and write the same file of answers.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ MOST_AT_ONCE = 256
 _MOST_AHEAD = 64
 """Maximum number of answers that wait for the answer to an earlier request."""
 _SYNC_WITHIN_S = 1.0
-"""Longest time until an answer is on disk [s]. A flush takes 4 ms, so one per answer would limit a run to 250 per
+"""Maximum time until an answer is on disk [s]. A flush takes 4 ms, so one per answer would limit a run to 250 per
 second. A killed process loses nothing; a power cut may lose the answers of this time."""
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
@@ -66,7 +66,7 @@ _SHAPES: dict[Form, Literal["box", "point", "points"]] = {
 
 
 def answer_line(spec: AnswerSpec) -> str:
-    """Return the sentence of a prompt that asks for an answer in its form."""
+    """Return the prompt sentence that specifies the answer format."""
     if spec.form in _SHAPES:
         return spec.convention.request(_SHAPES[spec.form], spec.width, spec.height)
     return _LINES[spec.form]
@@ -123,14 +123,14 @@ class AnswersHead:
     seal: str | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a name that cannot be shown in tables and sentences."""
+        """Raise InvalidInputError for a name that is unsuitable for tables and sentences."""
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > _LONGEST_NAME:
             problem = f"{one_line(self.model, most=60)!r} is not a name of up to {_LONGEST_NAME} printable characters"
             raise InvalidInputError("model", problem, "Give the name of the model in one line")
 
 
 _ALWAYS = frozenset({"error", "coordinates"})
-"""Fields that a line has even with their default; other defaults are left out."""
+"""Fields that are written even with their default value; other defaults are omitted."""
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
 _CURE = "Correct the file if it is your own, or write the answers to another file with --answers"
 
@@ -181,7 +181,7 @@ class Score:
 
 
 class _AnswerFile(LineJournal):
-    """File to which answers are appended as they arrive, each line with a checksum."""
+    """Answer file to which answers are appended as they arrive, each line with a checksum."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
@@ -290,7 +290,7 @@ def ask_all(
 
 
 def is_answers(file: Path) -> bool:
-    """Return whether a file begins like an answer file; raise OSError unless the file is missing.
+    """Return whether a file looks like an answer file; raise OSError unless the file is missing.
 
     An incomplete first line of a killed process is recognized by its beginning.
     """

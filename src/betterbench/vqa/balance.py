@@ -1,4 +1,4 @@
-"""Selection of questions such that their text alone does not reveal the answers.
+"""Balanced selection of questions, so that their text alone does not reveal the answers.
 
 Questions belong to one group if their texts give the same information: the same family about the same objects. Within a
 group, every kept answer occurs equally often, so no rule over the text is better than guessing. A group with a single
@@ -25,7 +25,7 @@ frames are nearly equal."""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Families with the same subject, treated as one kind of question within their type."""
+"""Question families with the same subject, which are balanced together within their type."""
 
 NameT = TypeVar("NameT", bound=str)
 """A type, kind or family of questions."""
@@ -33,7 +33,7 @@ NameT = TypeVar("NameT", bound=str)
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """A selected question, with the kept answers of its group, sorted.
+    """Selected question, with the sorted answers kept in its group.
 
     Attributes:
         turn: Index of the question among the questions with the same group and answer. Cross-validation keeps equal

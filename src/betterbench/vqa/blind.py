@@ -33,7 +33,7 @@ TARGET_POINTS = 5.0
 @open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Number of questions of one type that are answered correctly without the image.
+    """Number of questions of one type answered correctly without the image.
 
     Attributes:
         n: Number of questions.
@@ -103,7 +103,7 @@ def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
 
 
 def _constant_right(questions: Sequence[Question]) -> list[bool]:
-    """Return for each question whether the most frequent answer to its type and form is correct."""
+    """Return, for each question, whether the most frequent answer for its type and form is correct."""
     right = [False] * len(questions)
     for members in _by_form(questions):
         constant = _typical([questions[i] for i in members])
@@ -115,7 +115,7 @@ def _constant_right(questions: Sequence[Question]) -> list[bool]:
 def blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
     """Return for each question whether the classifier, trained on the other folds, answers it correctly.
 
-    The fold of a question is its turn modulo :data:`FOLDS`.
+    The fold of a question is its index modulo :data:`FOLDS`.
     """
     right = [False] * len(questions)
     fold = np.array(turns) % FOLDS
@@ -145,7 +145,7 @@ def _by_form(questions: Sequence[Question]) -> list[list[int]]:
 
 
 def answer_class(question: Question) -> str:
-    """Return the answer; for a box or point, the cell of the image that contains its center."""
+    """Return the class of an answer: the answer itself or, for a box or point, the image cell of its center."""
     if question.form not in (Form.BOX, Form.POINT) or question.box is None:
         return question.answer
     return _cell(question.box, question.width, CELLS)

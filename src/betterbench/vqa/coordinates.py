@@ -54,7 +54,7 @@ class Convention:
         return [v for x, y in pairs for v in (x * width / self.side, y * height / self.side)]
 
     def request(self, kind: Literal["box", "point", "points"], width: int, height: int) -> str:
-        """Return the sentence of a prompt that requests a box, a point, or one or more points in this convention."""
+        """Return the prompt sentence that requests a box, a point, or one or more points in this convention."""
         unit = self.unit.format(width=width, height=height)
         return f"Answer with {self._shape(kind)} only, in {unit}."
 

@@ -78,7 +78,7 @@ sets have no checksums and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
-"""Cameras of the images. Texts do not name the camera, so that positions in the image cannot be guessed."""
+"""Cameras of the images. Questions do not name the camera, so that image positions cannot be guessed from it."""
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
 """Maximum number of questions in a set, and of frames per trial."""
@@ -350,7 +350,7 @@ def _survey(
     workers: int,
     on_progress: OnCount | None,
 ) -> None:
-    """Write the possible questions about each trial, with its images; finished trials are left as they are."""
+    """Write the possible questions about each trial, with their images; finished trials are kept."""
     look = partial(_look_at, run, out, options)
     run_items(
         trials,

@@ -49,7 +49,7 @@ from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
 
 TIMES_ASKED = 2
-"""Number of times that each question is asked, with different wording each time."""
+"""Number of times that each question is asked, each time in a different wording."""
 MOST_OPTIONS = 6
 """Maximum number of boxes or objects to choose from."""
 _MAX_BYTES = 1 << 26
@@ -249,7 +249,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question which box contains the object to be picked up or moved now."""
+    """Return the question about which box contains the object to pick up or move now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -308,7 +308,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether an object is present: the instructed one, or an absent one that could be meant."""
+    """Return the question of whether an object is present: the instructed one, or an absent one that could be meant."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
@@ -327,7 +327,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question which steps of the instruction are already done."""
+    """Return the question about which steps of the instruction are already done."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:

@@ -1,4 +1,4 @@
-"""Facts about an episode for questions: its condition, its objects, and the robot's activity at each row."""
+"""Facts about an episode for questions: condition, objects, and the robot's activity at each row."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """One recorded trial, with the facts about the complete trial that questions need.
+    """Recorded trial, with the episode-level facts that questions need.
 
     Attributes:
         record: The record.
@@ -99,7 +99,7 @@ class Episode:
         return bool(trained) and info.kind not in trained
 
     def replaced(self, kind: str) -> bool:
-        """Return whether another object starts where training had this kind, which makes this kind a hard negative."""
+        """Return whether another object starts where this kind was in training, which makes it a hard negative."""
         return any(
             self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
             for i, o in enumerate(self.trace.info.objects)
@@ -141,7 +141,7 @@ def kinds_in_numbers() -> tuple[str, ...]:
 
 
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
-    """Return rows of an episode: all if ``count`` is 0 or larger than their number, else one from each equal part."""
+    """Return ``count`` rows of an episode, one from each equal part, or all rows if ``count`` is 0 or too large."""
     if count == 0 or count >= rows:
         return range(rows)
     edges = np.linspace(0, rows, count + 1).astype(int)

@@ -1,4 +1,4 @@
-"""Descriptions and questions written by a model and filtered by claims that the state proves.
+"""Descriptions and questions written by a model, filtered by claims proven by the state.
 
 The model gets an image and the names of objects that could be in it. It answers with texts and, for each text, its
 claims in a small formal language. A text is kept if every claim can be decided from the state and is true, and if its
@@ -59,7 +59,7 @@ CLAIMS = {
     "is open": "the drawer X is open",
     "is shut": "the drawer X is shut",
 }
-"""Claims of the formal language, with X and Y as names of objects."""
+"""Claims of the formal language, where X and Y stand for object names."""
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "left": ("is left of", "is right of"),
@@ -72,7 +72,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
     "shut": ("is shut", "is open"),
 }  # fmt: skip
-"""Words of position and state, with the claims that a text needs to use them."""
+"""Words about position and state, with the claims that a text must make to use them."""
 _FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
 _UNCHECKED = frozenset(
     [
@@ -131,7 +131,7 @@ class StateClaim:
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """A description (without question) or an answer to a question, with its claims."""
+    """Description (without question) or answer to a question, with its claims."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
     claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
@@ -182,7 +182,7 @@ def describe_images(
     overwrite: bool = False,
     on_progress: OnCount | None = None,
 ) -> Described:
-    """Let a model describe images of a set and write questions; keep the texts that the state proves.
+    """Let a model describe images of a set and write questions, and keep the texts proven by the state.
 
     Each image's results are stored in ``descriptions/``, so that an interrupted command can be resumed. Kept texts are
     written to the set's ``descriptions.jsonl``, in LLaVA's conversation format.
@@ -242,7 +242,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return the texts of a model about one image that are kept, and the reasons for dropping the others."""
+    """Return the accepted texts of a model about one image, and the reasons for dropping the others."""
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)

@@ -30,7 +30,7 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """Combination of a model's knowledge and the policy's behavior in one trial."""
+    """How a model's knowledge relates to the policy's behavior in one trial."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
@@ -142,7 +142,7 @@ class Knowledge:
         return group_knowledge(self.trials) if all(t.task for t in self.trials) else ()
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
-        """Return the number of trials with a given standing, optionally only failed or only solved trials."""
+        """Return the number of trials with a standing, optionally among failed or solved trials only."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
@@ -222,7 +222,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
 
 
 def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
-    """Return, per role, the fraction of trials in which the wording alone reveals all of the role's answers."""
+    """Return, per role, the fraction of trials in which all answers can be guessed from the wording alone."""
     decisive = [q for q in questions if q.role is not None]
     given_away: dict[str, dict[TrialId, bool]] = {}
     for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):

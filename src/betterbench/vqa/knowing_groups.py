@@ -1,4 +1,4 @@
-"""Knowledge against behavior by axis, variation and failure mode, with paired tests.
+"""Knowledge versus behavior by axis, variation and failure mode, with paired tests.
 
 The unit is a trial: all questions about it count as one answer, known or not known. In each group, the share of known
 trials is compared with the share of solved trials, over the same trials.

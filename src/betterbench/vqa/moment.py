@@ -1,4 +1,4 @@
-"""One frame with all data for questions about it: the state, the camera view and the episode."""
+"""Moment: one frame with all data for questions about it (state, camera view and episode)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.vqa.visible import clear, hidden, large
 
 @dataclass(frozen=True)
 class Moment:
-    """One row of an episode as one camera shows it.
+    """One row of an episode as seen by one camera.
 
     Objects are named by their kind, and only if the kind is unique in the scene. The kind names below are therefore
     names of single objects.
@@ -89,7 +89,7 @@ class Moment:
         return frozenset(o.kind for o in self.objects)
 
     def surely_absent(self, kind: str) -> bool:
-        """Return whether no object in the scene is of a kind or could be mistaken for it.
+        """Return whether a kind is absent: no object in the scene is of this kind or could be mistaken for it.
 
         Kinds of the same task are distinguishable by design. For kinds of other tasks, no similar object may be
         present.

@@ -1,4 +1,4 @@
-"""Questions about one trial for the object's position in the instruction.
+"""Questions about one trial that ask for the position of the object named in the instruction.
 
 The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
 and a point, each in two wordings. Unlike a set's questions, they are not balanced, because all are about one
@@ -26,7 +26,7 @@ from betterbench.vqa.types.grounding import CELLS, grounding
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """The object named in a trial's instruction, and the questions about its position.
+    """Object named in a trial's instruction, with the questions about its position.
 
     Attributes:
         name: Name in the scene.
@@ -45,7 +45,7 @@ class NamedObject:
 def named_object(
     record: Record, trial: TrialDiagnosis, photos: PhotoSource, *, camera: str = "front", seed: int = 0
 ) -> NamedObject | None:
-    """Return the object named in a trial's instruction with the questions about its position.
+    """Return the object named in a trial's instruction, with the questions about its position.
 
     Args:
         record: The trial record.

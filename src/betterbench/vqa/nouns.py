@@ -35,7 +35,7 @@ _LOOKS = frozenset(
         "crumpled",
     ]
 )
-"""Words in a name that describe appearance or location instead of the kind."""
+"""Words in a name that describe appearance or location rather than the kind."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
     frozenset(words.split())

@@ -1,4 +1,4 @@
-"""Questions about an image with their answers, as values with a JSON form."""
+"""Questions about an image with their answers, as JSON-serializable values."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Form(StrEnum):
     YES_NO = "yes_no"
     """"Yes" or "No"."""
     CHOICE = "choice"
-    """One of the options, which are listed with letters."""
+    """Choice among options that are listed with letters."""
     NUMBER = "number"
     """A count."""
     BOX = "box"
@@ -43,7 +43,7 @@ class Form(StrEnum):
     POINT = "point"
     """[x, y] column and row [pixel]; correct if it is on a visible pixel of the object."""
     POINTS = "points"
-    """One or more points; the score is the share of them in the target region. Only in sets of others."""
+    """One or more points, scored by their share in the target region; only in published sets."""
 
 
 class Difficulty(StrEnum):
@@ -195,7 +195,7 @@ class Question:
 
     @property
     def reply(self) -> str:
-        """The answer in written form: for a choice, its letter and the option."""
+        """The answer as text; for a choice, the letter and the option."""
         return f"{letter(self.options.index(self.answer))}. {self.answer}" if self.options else self.answer
 
     def to_json(self) -> dict[str, Any]:
@@ -218,7 +218,7 @@ def hash_number(*parts: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """Part of a question provided by its generator; the frame adds the rest. See :class:`Candidate`."""
+    """Generator's part of a question, completed with data about the frame. See :class:`Candidate`."""
 
     form: Form
     family: str

@@ -1,4 +1,4 @@
-"""Requests of a run in numbers: answers from the cache, retries with their reasons, tokens and cost."""
+"""Request statistics of a run: answers from the cache, retries with their reasons, tokens and cost."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RequestTotals:
         return self.answers - self.cached - self.rejected
 
     def cost(self, prices: Prices) -> float | None:
-        """Return the cost of the counted answers; None if the server counted no tokens of answers that it gave."""
+        """Return the cost of the counted answers, or None if the server reported no token counts."""
         if self.sent and not self.counted:
             return None
         return (self.prompt_tokens * prices.prompt + self.completion_tokens * prices.completion) / 1e6
@@ -65,7 +65,7 @@ class RequestTotals:
         return {**asdict(self), "retries": dict(self.retries)}
 
     def sentences(self, who: str = "model") -> list[str]:
-        """Return the totals in words, without the cost, for requests to the model or the extractor."""
+        """Return a sentence about the totals, without the cost, for requests to the model or the extractor."""
         found = []
         if self.cached:
             rest = "no request was sent" if self.cached == self.answers else "only the others were sent"

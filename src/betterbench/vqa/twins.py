@@ -1,4 +1,4 @@
-"""Static twins: for a question about a variation, a question of the same kind about its training scene.
+"""Static twins: pairs of a question about a variation and one of the same kind about its training scene.
 
 The twin is about the training condition of the variation, with the same seed and about the objects of that scene. It
 has the same type, form and family, and the same role in a set about decisive moments.
@@ -26,7 +26,7 @@ def axis_of(task: str, condition: str) -> str | None:
 
 
 def scene_twin(trial: TrialId) -> TrialId | None:
-    """Return the trial on the training condition with the same seed, or None unless the trial is of a variation."""
+    """Return the trial on the training condition with the same seed, or None if the trial is not of a variation."""
     if axis_of(trial.task, trial.condition) is None:
         return None
     return TrialId(trial.task, resolve_condition(trial.task, trial.condition).base, trial.seed)

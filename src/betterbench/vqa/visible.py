@@ -5,8 +5,8 @@ from __future__ import annotations
 from betterbench.interface.state import SeenObject
 
 MIN_SIDE_PX = 8
-"""Minimum length of the shorter side of a box [pixel]. Vision encoders cut images of this size into patches of 14 or 16
-pixels, and less than half a patch shows no shape."""
+"""Minimum length of the shorter side of a box [pixel]. Vision encoders divide images of this size into patches of 14 or
+16 pixels, and less than half a patch shows no shape."""
 MIN_PIXELS = 60
 """Minimum number of visible pixels, slightly more than a disc with a diameter of 8 pixels."""
 MIN_FRACTION = 0.35

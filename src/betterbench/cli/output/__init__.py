@@ -1,1 +1,1 @@
-"""Tables and texts printed by verbs; a verb imports them when needed."""
+"""Tables and texts printed by subcommands, imported when needed."""

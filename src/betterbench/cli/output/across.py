@@ -1,4 +1,4 @@
-"""Results of policies in several worlds, as text and as files."""
+"""Output of results across worlds, as text and as files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
     if gaps:
         OUT.print()
         columns = ["policy", "world", "change", "before, %", "after, %", "gap, points", "p", "pairs"]
-        print_table(columns, [_gap_row(gap) for gap in gaps], title="illusion gaps: loss of success in a changed scene")
+        print_table(columns, [_gap_row(gap) for gap in gaps], title="illusion gaps: drop in success in a changed scene")
     if table.notes:
         OUT.print()
     for note in table.notes:
@@ -182,4 +182,4 @@ def _plain_gaps(gaps: Sequence[WorldGap]) -> Table:
         for g in gaps
     )  # fmt: skip
     columns = ("policy", "world", "suite", "change", "base", "changed", "pairs", "gap", "low", "high", "p_value")
-    return Table("illusion_gaps", "Loss of success in a changed scene.", columns, rows)
+    return Table("illusion_gaps", "Drop in success in a changed scene.", columns, rows)

@@ -1,4 +1,4 @@
-"""Picture sheet of the assets that a search found, with scores and licenses."""
+"""Picture sheet of the assets found by a search, with scores and licenses."""
 
 from __future__ import annotations
 

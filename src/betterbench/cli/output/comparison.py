@@ -10,7 +10,7 @@ from betterbench.statistics import percent
 
 
 def print_comparison(result: Comparison) -> None:
-    """Print the verdict, the success and failure tables, and the limits of the trials."""
+    """Print the verdict, the success and failure tables, and the smallest detectable differences."""
     for sentence in result.verdict:
         OUT.print(sentence, markup=False)
     success = [g for g in result.groups if g.measure == "success"]
@@ -44,7 +44,7 @@ def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
 
 
 def _what(group: Group) -> str:
-    """Return a row title; for an axis, only the first two words, so that the table fits a terminal."""
+    """Return a row title; an axis is shortened to two words, so that the table fits a terminal."""
     if group.scope.startswith("axis:"):
         return " ".join(scope_text(group.scope).split()[:2])
     return scope_text(group.scope) if group.measure == "success" else group.measure.replace("_", " ")
@@ -64,7 +64,7 @@ def _legend(result: Comparison) -> list[str]:
     tests = sorted({c.test for g in result.groups for c in g.contrasts})
     family = "overall, training, axes, tasks, kinds of failure, labels"
     lines = [
-        "Two policies share a letter where they cannot be distinguished.",
+        "Policies that share a letter cannot be distinguished.",
         f"Tests: {' and '.join(tests)}, Holm's correction within each family ({family}), alpha {result.alpha:g}.",
     ]
     if len(names) == 2:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return the note next to the progress bar: the number of attempts, and the start used by the last attempt."""
+    """Return the note next to the progress bar: the number of attempts, and the start of the last attempt."""
     last = "" if progress.last is None else f", {progress.last.trial}"
     return f"{progress.attempts} attempts{last}"
 
@@ -31,7 +31,7 @@ def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] 
 
 
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
-    """Write the report on a demonstration set, and print its summary and the rate of attempts."""
+    """Write the acceptance report of a demonstration set, and print its summary and the attempt rate."""
     from betterbench.demonstrations.making.acceptance import acceptance_of, write_acceptance
     from betterbench.demonstrations.making.failure_films import film_failures
     from betterbench.demonstrations.making.paths import draw_paths

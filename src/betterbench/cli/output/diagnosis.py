@@ -1,4 +1,4 @@
-"""A diagnosis, and its changes since the stored one, as text."""
+"""Output of a diagnosis and its changes since the stored one, as text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.statistics import percent
 from betterbench.tasks import Kind, Label
 
 SHOWN_CHANGES = 20
-"""Maximum number of changed trials, and of changed metrics, that are printed; ``--json`` lists all."""
+"""Maximum number of changed trials and of changed metrics to print; ``--json`` lists all."""
 
 
 def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:
@@ -48,7 +48,7 @@ def print_diagnosis(result: RunDiagnosis) -> None:
 
 
 def _verdict(result: RunDiagnosis, name: str) -> list[str]:
-    """Return the verdict's cells: one cell for a sequential run (empty for a training condition), else none."""
+    """Return the table cells of a verdict: one for a sequential run (empty for a training condition), else none."""
     if result.until_decided is None:
         return []
     answer = result.until_decided.answer(name)

@@ -1,4 +1,4 @@
-"""The report of runs, with bars while it is built, and its verdicts as text."""
+"""Output while a report is built: progress bars, and then the verdicts."""
 
 from __future__ import annotations
 

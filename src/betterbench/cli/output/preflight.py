@@ -9,7 +9,7 @@ from betterbench.evaluation.preflight.view import numbers_text
 
 
 def print_conventions(conventions: tuple[Convention, ...]) -> None:
-    """Print the conventions that both sides declare; called before they are compared."""
+    """Print the conventions declared by both sides, before they are compared."""
     rows = [
         [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "–", c.theirs or "–"]
         for c in conventions
@@ -18,7 +18,7 @@ def print_conventions(conventions: tuple[Convention, ...]) -> None:
 
 
 def print_preflight(found: PreflightCheck, *, json: bool) -> None:
-    """Print the observation shown to the policy, its answer, and its response times."""
+    """Print the observation sent to the policy, its answer, and its latency."""
     if json:
         print_json(found.to_json())
         return

@@ -1,4 +1,4 @@
-"""Static evaluations of vision-language models as text."""
+"""Output of static evaluations of vision-language models, as text."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from betterbench.vlm.steps import Cell, StepTable
 
 MOST_GROUPS = 12
-"""Kinds with more groups (such as scenarios) are left to result.json."""
+"""Maximum number of groups to print; kinds with more (such as scenarios) are only in result.json."""
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
-    """Print the scores of a run, the numbers of upstream programs, and what limits the comparison.
+    """Print the scores of a run, the numbers of upstream programs, and the caveats of the comparison.
 
     Args:
         benchmark: The benchmark.
@@ -56,7 +56,7 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
 
 
 def print_steps(table: StepTable) -> None:
-    """Print the numbers of each row, and the steps between neighboring rows."""
+    """Print the scores of each row, and the steps between neighboring rows."""
     heads = {name: find_benchmark(name).title for name in table.benchmarks}
     rows = [
         [row.name, *(_cell(row.cells.get(name)) for name in table.benchmarks)] for row in table.rows
@@ -89,7 +89,7 @@ def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
 
 
 def _print_groups(table: StepTable) -> None:
-    """Print the groups of questions that a step gained or lost."""
+    """Print the groups of questions on which a step gained or lost."""
     if not table.groups:
         return
     moved = [group for group in table.groups if group.is_supported and not group.explained_by]
@@ -114,7 +114,7 @@ def _print_groups(table: StepTable) -> None:
 
 
 def _print_eyesight(compared: EyesightComparison) -> None:
-    """Print the sizes that a model reads with several eyes, and whether one size explains all scores."""
+    """Print the size that explains a model's scores at several resolutions, or why no size does."""
     rows = []
     for eyes, alone in compared.alone.items():
         loss = None if compared.one.value is None else compared.one.further.get(eyes)
@@ -130,7 +130,7 @@ def _print_eyesight(compared: EyesightComparison) -> None:
 
 
 def print_prediction(table: PredictionTable) -> None:
-    """Print the static and acted results of each policy, and whether the first predict the second."""
+    """Print the static score and the illusion gap of each policy, and whether the score predicts the gap."""
     rows = [
         [
             policy.name,
@@ -160,7 +160,7 @@ def _percent(value: float | None) -> str:
 
 
 def print_probe(finding: Finding) -> None:
-    """Print how well each order and scale explains a model's answers, and the convention."""
+    """Print how well each coordinate order and scale explains a model's answers, and the inferred convention."""
     rows = [
         [fit.scale, fit.order.replace("xy", "x, y").replace("yx", "y, x"), f"{fit.fitting}/{finding.readable}",
          "–" if finding.readable == 0 else f"{100 * fit.error:.0f} %"]
@@ -221,7 +221,7 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
 
 
 def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> None:
-    """Print the static illusion gaps by axis and by type, next to the acted gaps if there is a run of a policy."""
+    """Print the static illusion gaps by axis and by type, next to the acted gaps of a policy if its run is given."""
     shown = [gap for gap in gaps.by_column[column] if gap.kind != "axis and type"]
     policy = {} if acted is None else acted_gaps(acted)
     heads = ["gap of", "pairs", "train", "varied", "static gap", "p", *(["acted gap"] if policy else [])]
@@ -247,7 +247,7 @@ def _print_gaps(gaps: StaticGaps, column: str, acted: RunDiagnosis | None) -> No
 
 
 def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> list[str]:
-    """Return the supported static gaps in words, and where a policy loses more than the model.
+    """Return sentences about the supported static gaps, and about where a policy loses more than the model.
 
     Args:
         gaps: Static gaps.
@@ -269,7 +269,7 @@ def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> li
 
 
 def acted_gaps(diagnosis: RunDiagnosis) -> dict[str, Metric]:
-    """Return a policy's illusion gaps by "all" and axis."""
+    """Return a policy's illusion gaps, overall ("all") and by axis."""
     found = {}
     for metric in diagnosis.metrics:
         scope = "all" if metric.scope == "overall" else metric.scope.removeprefix("axis:")
@@ -321,7 +321,7 @@ def signed_percent_of(value: Fraction) -> str:
 
 
 def print_source(benchmark: Benchmark, fetched: Sequence[FetchedFile] = ()) -> None:
-    """Print what data a benchmark needs, where it comes from, and its terms."""
+    """Print the data that a benchmark needs, with their source and terms of use."""
     source = benchmark.source
     rows = [
         [f.path, "unknown" if f.megabytes is None else f"{f.megabytes:g}", f.sha256 or "not published"]

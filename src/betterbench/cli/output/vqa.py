@@ -1,4 +1,4 @@
-"""Question sets, scores of answers, and a model's knowledge compared with a policy's behavior, as text."""
+"""Output of question sets, answer scores, and a model's knowledge compared with a policy's behavior, as text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def print_set(made: QuestionSet) -> None:
-    """Print the number of questions of each type in a set, and the accuracy that can be reached without images."""
+    """Print the number of questions of each type in a set, and the accuracy reachable without images."""
     images = len({q.image for q in made.questions})
     title = f"{len(made.questions)} questions about {images} images, for {made.purpose}"
     rows = [
@@ -76,13 +76,13 @@ def print_knowledge(known: Knowledge) -> None:
         missing = known.asked - known.answered
         OUT.print(
             f"{missing} of {known.asked} questions about this run have no answer. Trials that depend on these "
-            "questions count as not asked.",
+            f"questions are counted as not asked.",
             markup=False,
         )
 
 
 def _print_groups(known: Knowledge) -> None:
-    """Print knowledge against behavior by axis, variation and failure mode."""
+    """Print knowledge versus behavior by axis, variation and failure mode."""
     rows = [
         [
             group.name.replace("_", " "),
@@ -98,7 +98,7 @@ def _print_groups(known: Knowledge) -> None:
     if not rows:
         return
     columns = ["trials", "knows", "guessed", "does", "knows − does", "p", "finding"]
-    print_table(columns, rows, title="knowing against doing, on the same trials")
+    print_table(columns, rows, title="knowing versus doing, on the same trials")
     OUT.print(
         "Guessed: expected without the image. The finding that the model knows more than the policy does requires "
         "McNemar's exact test, and more known failures than guessing explains; p is the larger one, after Holm's "
@@ -115,7 +115,7 @@ def difference_in_points(difference: Difference) -> str:
 
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
-    """Print the answers of a learner about its own trials, by condition."""
+    """Print the accuracy of a learner's answers about its own trials, by condition."""
     columns = [
         "condition",
         "right cell",
@@ -142,5 +142,5 @@ def percent_of(k: int, n: int) -> str:
 
 
 def interval(rate: Rate) -> str:
-    """Return the interval of a rate in percent."""
+    """Return the confidence interval of a rate in percent."""
     return f"{100 * rate.low:.0f} to {100 * rate.high:.0f} %"

@@ -1,4 +1,4 @@
-"""``better amplify``: many demonstrations made from a few."""
+"""``better amplify``: many demonstrations from a few."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ def amplify_command(
 ) -> None:
     """Adapt a run's demonstrations to new starts, and save them as another run.
 
-    Each skill in a source keeps its motion in the frame of the object or target that it manipulates. The transit to it
-    is kept too, with height, side and tempo varied by seed; where it would collide, a planner finds another path. A
-    failed attempt is repeated with another source. A demonstration is accepted if it succeeds, stays successful while
-    held, and stays inside the certified training distribution. The variety of the demonstrations is printed next to the
-    variety of their sources. The same command resumes, also after Ctrl-C, and a larger --demos adds demonstrations.
+    Each skill in a source keeps its motion in the frame of the object or target that it manipulates. The transit
+    between skills is kept too, with height, side and speed varied by seed; if it would collide, a planner finds another
+    path. A failed attempt is repeated with another source. A demonstration is accepted if it succeeds, remains
+    successful while the robot holds still, and stays inside the certified training distribution. The variety of the
+    demonstrations is printed next to that of their sources. The same command resumes, also after Ctrl-C, and a larger
+    --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 
@@ -41,7 +42,7 @@ def amplify_command(
         tasks: Tasks to amplify; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000000 if not given.
-        attempts: Maximum attempts at one start, each with a different leading source.
+        attempts: Maximum attempts per start, each with a different leading source.
         select: How to choose the source for each subgoal: any, by its object's position, or by the start of its motion.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         workers: Number of worker processes; default: one per CPU core.

@@ -43,13 +43,13 @@ def check_command(
         assets: Files, folders and assets to check.
         kind: Name or description that determines the kind, such as "coffee mug"; default: the file name.
         color: Color word; default: the color that covers most of the surface.
-        size_m: Longest side in meters; by default from the format and the kind.
-        mass_kg: Mass in kilograms; by default from the file or the kind.
+        size_m: Longest side in meters; by default inferred from the format and the kind.
+        mass_kg: Mass in kilograms; by default inferred from the file or the kind.
         up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
-        freeze: Fix the movable joints of a URDF or MJCF file, which are an error otherwise.
-        license: License of files without one.
+        freeze: Fix the movable joints of a URDF or MJCF file; without this option, they are an error.
+        license: License to assume for files that do not state one.
         picture: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
-        out: Folder that keeps the certificates; the same command resumes with the remaining assets.
+        out: Folder for the certificates; the same command resumes with the remaining assets.
         overwrite: Replace files that better assets did not write.
         json: Print one JSON document instead of a table.
     """

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """Options about the imported objects; an option that was not given is None."""
+    """Options for the imported objects; None for options that were not given."""
 
     name: str | None
     kind: str | None
@@ -56,7 +56,7 @@ def import_command(
 ) -> None:
     """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or ids of the catalogue, as assets.
 
-    The folder --out holds the assets; other verbs load it with --asset-dir. A repeated command resumes.
+    The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes.
 
     Example: better assets import mug.glb --kind "coffee mug" --out my_assets
 
@@ -66,13 +66,13 @@ def import_command(
         name: Name of the asset in tasks, for a single file.
         kind: Name or description that determines the kind, such as "coffee mug"; default: the file name.
         color: Color word; default: the color that covers most of the surface.
-        size_m: Longest side in meters; by default from the format and the kind.
-        mass_kg: Mass in kilograms; by default from the file or the kind.
+        size_m: Longest side in meters; by default inferred from the format and the kind.
+        mass_kg: Mass in kilograms; by default inferred from the file or the kind.
         up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
-        freeze: Fix the movable joints of a URDF or MJCF file, which are an error otherwise.
-        license: License of files without one.
+        freeze: Fix the movable joints of a URDF or MJCF file; without this option, they are an error.
+        license: License to assume for files that do not state one.
         any_license: Also import files with a restricted or unknown license.
-        author: Author of files without one.
+        author: Author to record for files that do not state one.
         workers: Number of files imported at once.
         out: Folder of the assets.
         overwrite: Replace files that better assets did not write.
@@ -152,7 +152,7 @@ def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> 
 
 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
-    """Return rows of the catalogue by id; without a catalogue, report that the path does not exist."""
+    """Return catalogue rows by id; without a catalogue, report that the path does not exist."""
     from betterbench.sim.assets.catalogue.search import Catalogue
 
     if not ids:
@@ -188,7 +188,7 @@ def _of_file(path: Path, options: ImportOptions) -> ImportRequest:
 
 
 def _of_row(entry: CatalogueEntry, options: ImportOptions) -> ImportRequest:
-    """Return the request for a row of the catalogue; given options override its name, license and author."""
+    """Return the import request for a catalogue row; options that were given override its name, license and author."""
     from betterbench.sim.assets.folders.rows import request_of_row
 
     return request_of_row(entry, _of_file(Path(entry.path), options))

@@ -27,7 +27,7 @@ def index_command(
 ) -> None:
     """Read sources of assets into the catalogue: procedural, folders of meshes, or objaverse.
 
-    A repeated command reads only changed files, and resumes after an interruption.
+    Running the command again reads only changed files, and resumes after an interruption.
 
     Example: better assets index meshes/kitchen --license cc0
 
@@ -35,9 +35,10 @@ def index_command(
         sources: Sources to index: procedural (built-in generators, the default), folders of meshes, objaverse.
         catalogue: Catalogue folder; by default in the user's cache.
         name: Name of the source in the catalogue, for a single source.
-        license: License of files without one.
-        author: Author of files without one.
-        encoder: Encoder of meaning: minilm, sentence-transformers:MODEL, or none for words only.
+        license: License to assume for files that do not state one.
+        author: Author to record for files that do not state one.
+        encoder: Text encoder for the search by meaning: minilm, sentence-transformers:MODEL, or none to search by words
+            only.
         json: Print one JSON document instead of a table.
     """
     from betterbench.sim.assets.catalogue.indexing import index_sources

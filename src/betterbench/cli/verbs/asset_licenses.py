@@ -8,7 +8,7 @@ from betterbench.cli.console import OUT, print_json, print_table
 
 
 def licenses_command(*, catalogue: Path | None = None, json: bool = False) -> None:
-    """Print how many assets of each source have which license.
+    """Print the number of assets per source and license.
 
     Example: better assets licenses
 

@@ -44,12 +44,12 @@ def search_command(
         catalogue: Catalogue folder; by default in the user's cache.
         license: Licenses of the assets: free (the default) or any.
         limit: Largest number of assets to list.
-        num: Number of assets to choose for the description, which differ in shape and color.
+        num: Number of assets to choose for the description; they differ in shape and color.
         seed: Seed for the choice of --num assets.
         source: Search only this source.
         max_faces: Maximum number of triangles in an asset.
-        max_size: Largest extent of an asset in meters.
-        min_size: Least extent of the largest side in meters.
+        max_size: Maximum size of an asset in meters, measured along its longest side.
+        min_size: Minimum length of the longest side in meters.
         out: PNG or JPEG file for a sheet of pictures with scores and licenses.
         overwrite: Replace a file that better assets did not write.
         json: Print one JSON document instead of a table.
@@ -80,7 +80,7 @@ def search_command(
 def _found(
     opened: Catalogue, query: str, *, limit: int, num: int | None, seed: int, filters: Filters
 ) -> list[tuple[str, Hit]]:
-    """Return ids and hits for a query, or the selection for ``--num``."""
+    """Return the hits of a query by asset id, or the selection for ``--num``."""
     from betterbench.sim.assets.catalogue.variety import choose_different
 
     if num is not None:
@@ -103,7 +103,7 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the message about a catalogue without vectors, with the command that adds vectors."""
+    """Return the message that a catalogue has no vectors, with the command that adds them."""
     from betterbench.installation import EXTRAS, extra_command
 
     install = "" if EXTRAS["assets"].is_installed else f"{extra_command('assets')}, then "

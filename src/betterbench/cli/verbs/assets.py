@@ -1,4 +1,4 @@
-"""``better assets``: the overview of its commands, each in a separate module."""
+"""``better assets``: overview of its nested commands, each of which has its own module."""
 
 from __future__ import annotations
 

@@ -38,22 +38,21 @@ def build_command(
 ) -> None:
     """Build tasks from scenarios, certify them, and write them as a suite.
 
-    Assets are chosen by a search of the catalogue. A task that fails its certificate is changed and tried again:
-    without the failing variations, with other slots, with other assets. Scenarios that cannot be certified are listed
-    on the page, with the failed clause. The same command gives the same files, and resumes after an interruption.
+    Assets are chosen by a search of the catalogue. A task that fails certification is changed and tried again: without
+    the failing variations, with other slots, or with other assets. Scenarios that cannot be certified are listed on the
+    page with the failed clause. The same command produces the same files, and resumes after an interruption.
 
     Example: better build picnic/scenarios --out picnic/suite
 
     Args:
         scenarios: Files of scenarios, or folders with such files, as better generate writes them.
-        out: Folder of the build, which holds the folder of the suite.
+        out: Output folder of the build, which contains the suite folder.
         name: Name of the suite; a digest of its tasks is added.
-        seeds: Trials of each variation to certify; better eval --trials takes up to this number.
-        demonstrations: Demonstrations of the expert to measure per task.
-        power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
-            none.
-        workers: Worker processes; one per CPU core if not given.
-        catalogue: Catalogue of better assets index, to import objects that are missing in the library.
+        seeds: Trials to certify per variation; the maximum for better eval --trials.
+        demonstrations: Expert demonstrations to measure per task.
+        power: Trials of each faulty policy per variation, to measure whether the variation exposes a fault; 0 for none.
+        workers: Number of worker processes; default: one per CPU core.
+        catalogue: Catalogue made by better assets index, from which objects missing in the library are imported.
         overwrite: Replace files in the folder that better build did not write.
         json: Print one JSON document instead of a table.
     """
@@ -72,7 +71,7 @@ def build_command(
 
 
 def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
-    """Return the scenarios of files and folders, in the order of the paths and then of the numbers in the file names.
+    """Read scenarios from files and folders, ordered by path and then by the number in the file name.
 
     Raises:
         InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, or the
@@ -149,7 +148,7 @@ def build_and_tell(
         cards, matrix = {}, None
         if built.suite is not None:
             cards = draw_cards(built, out)
-            if power:  # the power takes longest, and the suite can be used and looked at before
+            if power:  # measuring the power takes longest, and the suite can already be used and inspected
                 say(f"page without power: {write_build_page(built, out / PAGE, settings=settings, cards=cards)}")
                 matrix = power_of_suite(built, out, power, processes)
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
@@ -167,7 +166,7 @@ def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
 
 
 def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[str, str]:
-    """Draw the card of each certified task that has none yet, and return their addresses by task."""
+    """Draw the missing cards of certified tasks, and return the addresses of the cards by task."""
     from betterbench.evaluation.figures.show import image_file, show_card
     from betterbench.jobs import write_durably
     from betterbench.jobs.outputs import mark_of
@@ -188,7 +187,7 @@ def draw_cards(built: BuildReport, out: Path, *, verb: str = "build") -> dict[st
 
 
 def power_of_suite(built: BuildReport, out: Path, trials: int, workers: int) -> PowerMatrix:
-    """Run the faulty rules on every variation of the suite, and write the matrix into its folder."""
+    """Run the faulty decision rules on every variation of the suite, and write the power matrix into its folder."""
     from betterbench.calibration import measure_power, power_trials
     from betterbench.jobs import write_durably
     from betterbench.tasks.suite_folder import POWER

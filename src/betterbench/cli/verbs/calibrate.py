@@ -43,11 +43,11 @@ def calibrate_command(
 ) -> None:
     """Run policies with known faults and compare each trial's label with the true label in a confusion matrix.
 
-    Each policy follows one faulty rule in a share of its trials and records its first wrong decision as ground truth.
-    The policies of the independent family have another controller and other faulty behaviors, written by people who had
-    not read the diagnosis. With --power, faulty rules at full strength, blind probes and replayed demonstrations
-    measure which of these policies each variation can distinguish (the power matrix). Ctrl-C keeps finished trials; the
-    same command resumes.
+    Each policy follows one faulty decision rule in a fraction of its trials and records its first wrong decision as
+    ground truth. The independent family has a different controller and other faulty behaviors, written by people who
+    had not read the diagnosis code. With --power, faulty rules at full strength, blind probes and replayed
+    demonstrations are run to measure which of these policies each variation can tell apart (the power matrix). Ctrl-C
+    keeps finished trials; the same command resumes.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
@@ -55,18 +55,18 @@ def calibrate_command(
         out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
         tasks: Tasks to run; default: the full suite.
         policies: Faulty policies to run; default: all.
-        strengths: Fractions of trials in which the policy follows its faulty rule; smaller fractions add more action
-            noise.
+        strengths: Fractions of trials in which a policy follows its faulty rule; smaller fractions come with more
+            action noise.
         trials: Trials per variation for each faulty policy at each strength, default 1; trials for each policy of the
             independent family, default 4.
         seed: First seed.
         workers: Number of worker processes; default: one per CPU core.
-        family: Set of policies: the faulty policies, or part of the independent family: development, which was used to
-            develop the diagnosis, or held_out, second and so on, which were each used once.
+        family: Set of policies: the faulty policies, or a part of the independent family: development (used to develop
+            the diagnosis), or held_out, second and so on (each used only once).
         films: Maximum number of film strips of incorrect labels on the page; 0 renders none.
         power: Measure the power matrix instead. Its trials are fixed; only tasks, out and workers can be given.
         write_package: Also write the file that is shipped with the package; for maintainers. With --power and --tasks,
-            the other tasks are taken over from the packaged file, if they have not changed.
+            the other tasks are copied from the packaged file if they have not changed.
         overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
         json: Print the result as one JSON document at the end.
     """
@@ -166,7 +166,7 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
 
 @contextmanager
 def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
-    """Yield a callback that moves a progress bar."""
+    """Yield a callback that advances a progress bar."""
     with progress_bar(title, 0) as (bar, task):
         yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
 
@@ -174,7 +174,7 @@ def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
 def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, partly: bool) -> Path:
     """Write a power matrix, also into the package if requested, and return the path of its page.
 
-    If only a part of the suite was measured, the cells of the other tasks stay as they are in the package.
+    If only part of the suite was measured, the cells of the other tasks in the package are kept.
     """
     from betterbench.diagnosis.measures.power_matrix import PACKAGED_MATRIX, packaged_power_matrix
     from betterbench.jobs import write_durably

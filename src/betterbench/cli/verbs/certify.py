@@ -1,4 +1,4 @@
-"""``better certify``: check that each trial is solvable, so that the policy is responsible for a failure."""
+"""``better certify``: check that each trial is solvable, so that a failure can be attributed to the policy."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def certify_command(
 ) -> None:
     """Certify that trials are solvable, inside the training distribution, at rest, reachable and true to their premise.
 
-    better eval plans the same trials when given the same tasks, trials and seed. Ctrl-C keeps finished trials; the
-    same command resumes. The exit status is 0 even if a clause fails: such trials are listed, and better eval rejects
+    better eval plans the same trials for the same tasks, trials and seed. Ctrl-C keeps finished trials; the
+    same command resumes. The exit status is 0 even if a clause fails; such trials are listed, and better eval rejects
     them.
 
     With --demonstrations nothing is certified. Instead, the given number of expert demonstrations per task is measured:
@@ -47,7 +47,7 @@ def certify_command(
 
     Args:
         out: Folder of the certificate.
-        suite: Suite to take the tasks from.
+        suite: Suite that contains the tasks.
         tasks: Tasks to certify; default: all tasks in the suite.
         trials: Trials per variation; the training conditions get at least as many.
         seed: First seed.
@@ -56,7 +56,7 @@ def certify_command(
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
         arm: The robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
-            maintainers. With --tasks, the other tasks are taken over from the packaged files, if their versions agree.
+            maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
         overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
     """
@@ -149,7 +149,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
 
 
 def _write_package(certificate: Certificate, kept: Coverage | None, tasks: tuple[str, ...]) -> None:
-    """Write the compact form of a certificate into the package, with the coverage that is kept of other tasks."""
+    """Write the compact certificate into the package, and keep the coverage of other tasks."""
     from betterbench.certification.coverage import PACKAGED, Coverage
     from betterbench.certification.runner import write_coverage
 

@@ -1,4 +1,4 @@
-"""``better collect``: demonstrations of the expert in varied motion styles."""
+"""``better collect``: expert demonstrations in varied motion styles."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ def collect_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Collect demonstrations of the expert for each training condition, and save them as a run.
+    """Collect expert demonstrations for each training condition, and save them as a run.
 
     The seed draws the motion style of each demonstration: speed, side and height of the approach, pauses, detours, and
-    grasps that miss and are corrected. The starts cover the training distribution evenly, and their seeds are never
-    those of tests. Ctrl-C keeps finished demonstrations; the same command resumes, and a larger --demos adds more.
+    grasps that miss and are corrected. The starts cover the training distribution evenly, and test seeds are never
+    used. Ctrl-C keeps finished demonstrations; the same command resumes, and a larger --demos adds more.
 
     Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
 
     Args:
         out: Run folder.
         tasks: Tasks to demonstrate; default: all tasks in the suite.
-        suite: Suite to take the tasks from.
+        suite: Suite that contains the tasks.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000 if not given.
-        attempts: Maximum attempts at one start, each in another motion style.
+        attempts: Maximum attempts per start, each in a different motion style.
         arm: The robot.
         workers: Number of worker processes; default: one per CPU core.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.

@@ -1,4 +1,4 @@
-"""``better compare``: compare several policies, overall and by group, and show the power of the trials."""
+"""``better compare``: comparison of several policies, overall and by group, with the detectable differences."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ def compare_command(
 ) -> None:
     """Compare policies pairwise, on the trials that their runs share.
 
-    Runs of several suites, and runs in CALVIN, are shown in one table instead: LIBERO's four suites and CALVIN's
-    chains, comparisons of the policies on the same initial states, and each policy's loss when the scene changes. Runs
-    with the same name count as one policy. Runs of better vlm are compared step by step, each with the run before it.
-    A run of better vlm and a run of better eval for each of several policies, with the same names or in the same
-    order, show whether the static score predicts the illusion gap.
+    Runs in several suites or in CALVIN are shown in one table instead: LIBERO's four suites and CALVIN's chains,
+    comparisons of the policies on the same initial states, and each policy's drop in success when the scene changes.
+    Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one.
+    Given a run of better vlm and a run of better eval for each policy, with the same names or in the same order, the
+    command tests whether the static score predicts the illusion gap.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
-        runs: Run folders, or files written by better export; two or more.
+        runs: Two or more run folders, or files written by better export.
         name: Run names in the tables, one per run, in order; default: the policy names. Across
             suites, runs of one policy share one name.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: Also print tests that stay valid however often you look at unfinished runs.
-        allow_mixed: Compare runs of different versions or engines anyway.
-        fail_if_worse: Exit with status 1 if the first run is significantly worse than another one over all variations;
-            for continuous integration.
-        column: For runs of better vlm: scores of strictly read answers (strict), of all that the parser read (parsed,
-            the default), or with an extractor (extracted).
+        sequential: Also print tests that remain valid however often unfinished runs are inspected.
+        allow_mixed: Compare runs even if their versions or engines differ.
+        fail_if_worse: For continuous integration: exit with status 1 if the first run is significantly worse than
+            another run over all variations.
+        column: For runs of better vlm: which scores to compare: strictly parsed answers (strict), all parsed answers
+            (parsed, the default), or answers read with an extractor (extracted).
         paper: For runs of better vlm: add the findings of better audit-paper about the paper's table of static
             benchmarks (part of betterbench-calibration).
-        out: Across suites, a folder to write the tables to, as CSV and LaTeX.
+        out: Across suites: folder for the tables as CSV and LaTeX.
         overwrite: Write to a folder that better compare did not make, and replace files with the same names there.
         json: Print one JSON document instead of sentences and tables.
     """
@@ -112,7 +112,7 @@ def _static(
     paper: bool,
     json: bool,
 ) -> None:
-    """Compare runs of better vlm step by step, or with the illusion gaps of runs of better eval."""
+    """Compare runs of better vlm with each other, or with the illusion gaps of runs of better eval."""
     from betterbench.cli.output.vlm import print_prediction, print_steps
     from betterbench.vlm.scoring import COLUMNS
     from betterbench.vlm.steps import step_table
@@ -151,7 +151,7 @@ def _audited() -> Any:  # noqa: ANN401 - an Audit of betterbench-calibration, wh
 def _prediction(
     runs: Sequence[Path], static: Sequence[Path], name: Sequence[str], *, alpha: float, column: str
 ) -> PredictionTable:
-    """Return the correlation between static results and the illusion gaps of the same policies.
+    """Return the correlation between static scores and illusion gaps of the same policies.
 
     The two runs of a policy have the same name; without names, the first run of better vlm belongs to the first run of
     better eval, and so on.

@@ -36,32 +36,32 @@ def dataset_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make a training set from demonstrations of one training distribution, checked record by record.
+    """Make a training set from demonstrations of one training distribution; every record is checked.
 
-    The expert demonstrates the sources, which are then amplified to starts spread evenly over the distribution. The
-    folder contains the demonstrations as a run, which better export, materialize and vqa read. The folder also contains
-    a dataset card, the split, normalization statistics, the shortcut audit, and a prediction of the variations that a
-    learner trained on this set fails. The command prints how to reproduce the set. Ctrl-C keeps finished
-    demonstrations; the same command resumes, and a larger --demos adds more.
+    Source demonstrations by the expert are amplified to starts that cover the distribution evenly. The folder contains
+    the demonstrations as a run (an input of better export, materialize and vqa), a dataset card, the split,
+    normalization statistics, the shortcut audit, and a prediction of the variations that a learner trained on this set
+    will fail. The command prints how to reproduce the set. Ctrl-C keeps finished demonstrations; the same command
+    resumes, and a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 
     Args:
         out: Set folder.
         tasks: Tasks to demonstrate; default: all tasks in the suite.
-        suite: Suite to take the tasks from.
-        regime: training (with the confounds), balanced (the same number of demonstrations without the confounds, and no
-            test), diverse-confounded (as many conditions as balanced, but each word tied to its slot), or covered (the
-            tests).
-        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
-        sources: Expert demonstrations per training condition, from which the others are amplified; default: 0, or
-            pairs, for all.
+        suite: Suite that contains the tasks.
+        regime: training (with the confounds), balanced (the same number of demonstrations without the confounds or any
+            test condition), diverse-confounded (as many conditions as balanced, but each word tied to its slot), or
+            covered (the test conditions).
+        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
+        sources: Expert demonstrations per training condition from which the others are amplified; with 0 or --pairs,
+            the expert makes all demonstrations.
         seed: First seed, 1000000 or above.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
-        validation: Share of the seeds whose demonstrations are for validation.
-        pairs: Twins: in all conditions that share a scene, the expert starts the same way until the instruction makes a
-            difference.
-        expect: Set hash, as printed on another machine; any other hash is an error.
+        validation: Share of the seeds held out for validation.
+        pairs: Make twins: in all conditions that share a scene, the expert moves identically until the instruction
+            makes a difference.
+        expect: Expected hash of the set, as printed on another machine; a different hash is an error.
         sign: Private SSH key with which prediction.json is signed.
         workers: Number of worker processes; default: one per CPU core.
         pictures: Draw the starts of each task.
@@ -109,7 +109,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
             nonlocal shown_stage
-            if stage != shown_stage:  # the pace of the previous stage does not predict this one
+            if stage != shown_stage:  # the pace of the previous stage does not predict that of this one
                 shown_stage = stage
                 bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)

@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, say
 POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
 
 TASKS = ("morning_coffee", "fast_food")
-"""The two tasks of the paper's detailed tables; together they show every fault of the three policies."""
+"""The two tasks in the paper's detailed tables; together they reveal the faults of all three policies."""
 
 
 def demo_command(
@@ -20,7 +20,7 @@ def demo_command(
     films: int = 24,
     overwrite: bool = False,
 ) -> None:
-    """Evaluate the expert and three policies with a known fault on two tasks, and report on them in one page.
+    """Evaluate the expert and three policies with known faults on two tasks, and write one report page.
 
     Example: better demo --out runs/demo
 
@@ -28,7 +28,7 @@ def demo_command(
         out: Folder of the runs and the report.
         trials: Trials per variation.
         workers: Number of worker processes; default: one per CPU core.
-        films: Maximum number of films in the report; other failures get one image. 0 renders nothing.
+        films: Maximum number of films in the report; other failures are shown as one image. 0 renders nothing.
         overwrite: Write to a folder OUT/report that better did not make, and replace files with the same names there.
     """
     from betterbench.api.report import report_into

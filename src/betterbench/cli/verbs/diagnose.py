@@ -34,19 +34,19 @@ def diagnose_command(
     The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments are compared with the policy's behavior: whether the
-    model knows and acts on its knowledge, knows but does not act on it, or does not know. better report shows the
+    With --answers, a model's answers about the decisive moments are compared with the policy's behavior, to tell trials
+    in which the model knows and acts on it, knows but does not act on it, or does not know. better report shows the
     comparison too.
 
     Example: better diagnose runs/expert
 
     Args:
         run: Run folder.
-        twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
-            states are the counterfactual twins. Nothing is stored in that case.
+        twins: For a LIBERO-PRO run: the same policy's run of the base suite, whose trials from the same initial states
+            are the counterfactual twins. Nothing is stored in this case.
         keep: Do not change the stored diagnosis and the stored answers.
-        answers: File with answers to the set made by better vqa --run.
-        questions: Folder of the question set that was answered; default: the folder that contains the answers.
+        answers: File with answers to a question set made by better vqa --run.
+        questions: Folder of the question set; default: the folder of the answers.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import diagnosed

@@ -1,4 +1,4 @@
-"""``better doctor``: checks of this installation with remedies, and the preflight check of a policy."""
+"""``better doctor``: checks of this installation, with remedies, and the preflight check of a policy."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ def doctor_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Check everything that a run needs, and print the remedy of each failure. The exit status is 2 if a check fails.
+    """Check everything that a run needs, and print a remedy for each failure. The exit status is 2 if a check fails.
 
     With --policy: compare conventions, ask the policy for answers to one observation, measure their latency, and draw
     the observation and the motion that the answer would cause. Then replay a demonstration of the trial through the
-    policy: where its answers lead confirms the conventions, with a factor per axis.
+    policy: comparing the resulting motion with the demonstration confirms the conventions, with a scale factor per
+        axis.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
     Args:
         policy: Policy address to check (see better list policies).
-        task: Task whose start the policy is shown.
-        condition: That task's condition; its first training condition if not given.
+        task: Task whose initial observation is sent to the policy.
+        condition: Condition of that task; default: its first training condition.
         seed: Trial seed.
         action_space: Action space of the planned run; the policy's own if not given.
         observation: Observation preset of the planned run: default, official or state_only.

@@ -38,16 +38,16 @@ class TrialOptions:
         suite: Suite that contains the tasks (see better list suites); LIBERO and CALVIN suites run in those worlds.
         tasks: Tasks to run; default: all tasks in the suite.
         variations: Variations to run; default: all.
-        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, as the protocol says; in
-            CALVIN chains, 1,000.
+        trials: Trials per variation, default 20. In LIBERO: initial states per task, default from the protocol. In
+            CALVIN: number of chains, default 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
         action_space: The policy's action space; default: the robot's usual one (ee_delta of the Panda), and in another
             world the space given in the policy address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
-        until_decided: Stop a variation as soon as the trials show that success drops compared with training, or does
-            not drop by half; --trials is then the maximum.
+        until_decided: Stop a variation as soon as its trials show that success drops compared with training, or that it
+            does not drop by half; --trials is then the maximum.
     """
 
     suite: str = "better60"
@@ -66,31 +66,31 @@ USUAL_TRIALS = 20
 """Trials per variation by default."""
 
 MANY_TRIALS = 200
-"""Number of trials above which a smaller command is suggested."""
+"""Number of trials above which a smaller run is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Suggested smaller command: its task (the one with the shortest trials, if planned) and its trials."""
+"""Task (with the shortest trials, if planned) and number of trials of the suggested smaller run."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorldOptions:
-    """Options that only some worlds have.
+    """Options that apply only in some worlds.
 
     Attributes:
         protocol: Name of the evaluation protocol in LIBERO.
-        broken_premises: What to do if a scene contradicts its instruction's premise: refuse stops the run, run
-            continues and notes the contradiction in the record.
+        broken_premises: What to do if a scene contradicts the premise of its instruction: "refuse" stops the run, "run"
+            continues and records the contradiction.
         axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); default: all.
-        variants: In LIBERO-Plus, maximum variants of each task on each axis, evenly spread; all if not given.
-        libero_plus_assets: In LIBERO-Plus, the authors' unzipped assets folder, for new objects, lights and textures;
+        variants: In LIBERO-Plus, maximum number of variants per task and axis, evenly spaced; default: all.
+        libero_plus_assets: In LIBERO-Plus, the authors' assets (unzipped) with new objects, lights and textures;
             default: BETTERBENCH_LIBERO_PLUS_ASSETS.
-        libero_plus_sentences: In LIBERO-Plus, clean for the task's instruction, published for the instruction with
-            the variant name at its end, as used for the published numbers.
+        libero_plus_sentences: In LIBERO-Plus, "clean" gives the task's instruction; "published" appends the variant
+            name to it, as was done for the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
         calvin_config: In CALVIN, validation/.hydra/merged_config.yaml from the data set; without it, the configuration
             of scene D is composed from the checkout.
-        calvin_renderer: In CALVIN, the renderer of the images: egl as in CALVIN, tiny for PyBullet's renderer with
-            other pixels, or auto for EGL where it starts.
+        calvin_renderer: In CALVIN, the image renderer: egl as in CALVIN, tiny for PyBullet's own renderer (its pixels
+            differ), or auto to use EGL if it starts.
     """
 
     protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
@@ -106,13 +106,13 @@ class WorldOptions:
 
 @dataclass(frozen=True, slots=True)
 class RayOptions:
-    """Placement of a run on a Ray cluster, with --engine ray.
+    """Ray cluster settings of a run, for --engine ray.
 
     Attributes:
         ray_address: Address of the Ray cluster; default: RAY_ADDRESS, or a local cluster on this machine.
-        replicas: On Ray, number of copies of a policy that runs inside the run (lerobot:, or one with act_batch);
+        replicas: On Ray, number of replicas of a policy that runs in process (lerobot:, or a policy with act_batch);
             default 1.
-        replica_gpus: GPUs per copy, or a fraction of one; default: 1 if the cluster has GPUs.
+        replica_gpus: Number of GPUs per replica, which may be a fraction; default: 1 if the cluster has GPUs.
     """
 
     ray_address: str | None = None
@@ -149,28 +149,29 @@ def evaluate_command(
 ) -> None:
     """Evaluate a policy. The same command resumes an unfinished run.
 
-    Every variation runs with the same seeds. The training conditions together get as many trials, and the first of them
-    are the counterfactual twins. Trials that no certificate covers are rejected (see better certify).
+    Every variation runs with the same seeds. The training conditions together run the same number of trials, the first
+    of which are the counterfactual twins. Trials that no certificate covers are rejected (see better certify).
 
     Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
-        policy: Policy address (see better list policies); with --from, a policy other than the one that was run.
+        policy: Policy address (see better list policies); with --from, a policy that replaces the one of that run.
         out: Run folder; runs/POLICY if not given.
-        from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
+        from_run: Folder or run.json of another run, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
         arm: The robot.
         world: Options for LIBERO, LIBERO-Plus and CALVIN.
         workers: Number of worker processes; default: one per CPU core.
-        envs: Each worker's environments, to hide the policy's latency; chosen by a warm-up if not given.
+        envs: Number of environments per worker, which hide the policy's latency; default: chosen by a warm-up.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
         policy_timeout: Deadline for an answer from a python: or lerobot: policy [s]; server addresses have their own
             deadline.
-        certificate: Certificate written by better certify, or its folder; default: the one that ships with the suite.
+        certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
+            suite.
         uncertified: Also run trials that no certificate covers.
-        allow_other_versions: With --from, repeat the run although relevant versions differ.
-        trust: With --from or --run-file, allow the file to run code or to send a key that it names.
+        allow_other_versions: With --from, repeat the run even if relevant versions differ.
+        trust: With --from or --run-file, allow the file to run code or to send an API key that it names.
         allow_changed_policy: Resume although the policy's declarations have changed since the run began.
         explain_power: Print in detail which drops the trials can show.
         json: Print one JSON document at the end.
@@ -213,9 +214,9 @@ def evaluate_command(
 
 
 def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
-    """Print the number of trials and the drops that they can show; for a large plan, also print a smaller command.
+    """Print the number of trials and the drops that they can detect; for a large plan, also suggest a smaller run.
 
-    ``certified`` has the options for robot and certificate; None if the plan comes from another run.
+    ``certified`` contains the options for robot and certificate; None if the plan comes from another run.
     """
     from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
 
@@ -231,7 +232,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command that runs a small part of a plan, preceded by the number of trials.
+    """Return a command that runs a small part of a plan, preceded by its number of trials.
 
     The result is empty for a small plan.
     """
@@ -259,7 +260,7 @@ def _plan(
     allow_other_versions: bool,
     trust: bool,
 ) -> Plan:
-    """Return the plan that the options describe, or the plan of the run to repeat."""
+    """Return the plan described by the options, or the plan of the run to repeat."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
@@ -311,12 +312,12 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
 
 
 def _changed(world: WorldOptions) -> dict[str, Any]:
-    """Return the options that are not at their defaults, by name."""
+    """Return the options with non-default values, by name."""
     return {f.name: getattr(world, f.name) for f in fields(world) if getattr(world, f.name) != f.default}
 
 
 def _refuse_other_options(given: WorldOptions, world: World) -> None:
-    """Reject the first option that the run's world does not have, and name a world that has it."""
+    """Reject the first option that does not apply in the run's world, and name a world in which it does."""
     from betterbench.sim.worlds import all_worlds
     from betterbench.statistics.wording import listed
 
@@ -333,7 +334,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
 
 
 def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str, cure: str) -> None:
-    """Reject the first option that is not at its default."""
+    """Reject the first option with a non-default value."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
             option = f"--{field.name.replace('_', '-')}"
@@ -376,7 +377,7 @@ def _prepare(world: World, robot: str) -> None:
 
 
 def _say_what_is_done(plan: Plan, out: Path) -> None:
-    """Print how much of a resumed run is done. Faults of the folder are reported later, when it is opened."""
+    """Print how much of a resumed run is done. Problems with the folder are reported later, when it is opened."""
     from betterbench.records import RunFolder
 
     if not (out / "journal.jsonl").is_file():
@@ -477,7 +478,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
-    """Print the numbers of successful and broken trials, and a run's verdicts with ``until_decided``."""
+    """Print the counts of successful and broken trials, and the verdicts of a run with ``until_decided``."""
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
@@ -517,7 +518,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
 
 
 def _print_expert(run: RunFolder) -> None:
-    """Print the obstacle in the expert's first failed trial, and the command that shows the trial."""
+    """Print the reason for the expert's first failed trial, and the command that shows the trial."""
     from betterbench.tasks.user_files import options_for
 
     failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]
@@ -533,7 +534,7 @@ def _print_expert(run: RunFolder) -> None:
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
-    """Return a run's verdicts with ``until_decided`` from its records, or None for a run of all trials."""
+    """Return the verdicts of a run with ``until_decided`` from its records, or None for other runs."""
     from betterbench.diagnosis.until_decided import decided_of
 
     if plan.until_decided is None:

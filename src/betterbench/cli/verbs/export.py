@@ -1,4 +1,4 @@
-"""``better export``: a run's outcomes as one file, metrics for a tracker, or a data set for training."""
+"""``better export``: outcomes of a run in one file, metrics for a tracker, or a data set for training."""
 
 from __future__ import annotations
 
@@ -41,35 +41,36 @@ def export_command(
 ) -> None:
     """Export a run's outcomes, or the demonstrations of runs as a data set for training policies.
 
-    A submission contains the outcome of every planned trial, all versions, and every record's hash; better compare
-    reads it. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful trials
-    in training conditions, in a preset's layout. A policy trained on it is evaluated with the same preset. Ctrl-C keeps
+    A submission contains the outcome of every planned trial, all versions, and the hash of each record, for better
+    compare. A data set (lerobot, lerobot-v2.1, robomimic) contains the observations and actions of successful trials in
+    training conditions, in a preset's layout. A policy trained on it is evaluated with the same preset. Ctrl-C keeps
     finished episodes; the same command resumes.
 
     Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
     Args:
         runs: Run folder; several folders for a data set.
-        to: submission; tensorboard or wandb (extras with the same names; wandb's settings, such as WANDB_MODE=offline,
-            decide what it sends); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for GR00T and
-            Being-H) or robomimic (HDF5, extra robomimic); for a run of better vlm, lmms-eval (its log of samples).
+        to: submission; tensorboard or wandb (extras with the same names; settings of wandb such as WANDB_MODE=offline
+            determine what it uploads); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with modality.json for
+            GR00T and Being-H) or robomimic (HDF5, extra robomimic); for a run of better vlm, lmms-eval (its log of
+            samples).
         out: Submission file, default NAME.json; tracker folder, default RUN/TRACKER; data set folder, or the data set
             file for robomimic; folder of the logs of samples, default RUN/lmms_eval.
-        name: Policy name; the name that the policy declared if not given.
+        name: Policy name; default: the name that the policy declared.
         project: Project of the tracker wandb.
-        check: Submission or data set to compare with the runs' records; nothing is written.
+        check: Submission or data set to check against the records of the runs; nothing is written.
         preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
             gr00t_new_embodiment and for robomimic native.
         tasks: Tasks in the data set; default: all tasks of the runs.
-        variations: Also export successful trials of test variations. These variations cannot test a policy trained on
-            them.
+        variations: Also export successful trials of test variations. These variations can then no longer test a policy
+            trained on the data.
         images: Image format: video (H.264) or png (lossless, six times larger). Images for robomimic are always
             lossless.
         observation: Observation preset of the evaluation; default: the first preset with the layout's cameras.
         quality: Render preset for the images; default: the run's preset.
-        validation: Share of the seeds whose episodes are for validation; they come last.
+        validation: Share of the seeds held out for validation; their episodes come last.
         language: Also write the language columns, which LeRobot versions before 0.6 reject.
-        vqa: Set of better vqa about the same run; this set's questions are written to the language columns.
+        vqa: Question set made by better vqa about the same run, to be written to the language columns.
         workers: Number of episodes rendered in parallel; default: one per CPU core.
         overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
@@ -120,7 +121,7 @@ def _export_samples(
 
 
 def _refuse(given: Mapping[str, object], to: str) -> None:
-    """Raise InvalidInputError if an option of data sets was given."""
+    """Raise InvalidInputError if an option that applies only to data sets was given."""
     for option, value in given.items():
         if value:
             cure = f"Add --to {', --to '.join(_PRESETS)}, or drop {option}"
@@ -140,7 +141,7 @@ _PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robom
 
 @dataclass(frozen=True, slots=True)
 class _DatasetOptions:
-    """Data set options: the frames, and the number of workers that render them."""
+    """Options of a data set: its frames, and the number of workers that render them."""
 
     preset: str
     tasks: tuple[str, ...]
@@ -224,7 +225,7 @@ def _export_outcomes(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Write a submission, compare one with the run, or write the run metrics for a tracker."""
+    """Write a submission, check a submission against the run, or write the metrics for a tracker."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.trackers import write_metrics
     from betterbench.comparison import read_submission, require_same, submission_of
@@ -235,7 +236,7 @@ def _export_outcomes(
     from betterbench.records import RunFolder
 
     if len(runs) > 1:
-        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or --to lerobot for a data set")
+        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or add --to lerobot for a data set")
     folder = RunFolder.open(runs[0])
     if check is not None:
         submission = read_submission(check)

@@ -1,4 +1,4 @@
-"""``better generate``: scenarios of a template or about a sentence, and suites that grow under quotas."""
+"""``better generate``: scenarios from a template or a sentence, and suites that grow under quotas."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def generate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write scenarios of a template, or scenarios for a sentence, whose words choose the template.
+    """Write scenarios for a template, or for a sentence whose words select the template.
 
-    A scenario is a context with an instruction and described objects. The offline author needs no model: it combines
-    objects of the library that belong together. The answers of a language model are checked for form and plausibility,
-    and problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
-    answers instead of the model. The same command gives the same files, and resumes after an interruption.
+    A scenario is a context with an instruction and object descriptions. The offline author needs no model: it combines
+    library objects that belong together. The answers of a language model are checked for format and plausibility, and
+    problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
+    answers instead of the model. The same command produces the same files, and resumes after an interruption.
 
     With --until N, scenarios are drawn, built and certified until the suite has N tasks, without near-duplicates and
     under quotas, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows the quotas,
-    the tasks, and what was refused.
+    the tasks, and the rejected scenarios.
 
     Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
 
@@ -60,30 +60,31 @@ def generate_command(
         target: Name of a template (better list templates), or a sentence in quotes; with --until, all templates if not
             given.
         out: Folder of the scenarios.
-        num: Number of scenarios; by default, 10 of a template, or one for a sentence.
-        model: "offline", or a chat endpoint with OpenAI's protocol and its model, as
+        num: Number of scenarios; default: 10 for a template, 1 for a sentence.
+        model: "offline", or an OpenAI-compatible chat endpoint with its model, such as
             http://localhost:8000/v1#my-model.
         seed: Seed of the offline author.
-        tries: Number of answers of a model per scenario.
-        vocabulary: Objects that a model may use: those of the library, or any.
-        replay: File exchanges.jsonl of an earlier run, with the answers to use instead of a model.
-        key_variable: Environment variable with the key of the endpoint.
+        tries: Maximum number of model answers per scenario.
+        vocabulary: Objects that a model may use: library objects, or any.
+        replay: File exchanges.jsonl of an earlier run, whose answers are used instead of a model.
+        key_variable: Environment variable with the API key of the endpoint.
         build: Build and certify the tasks in the subfolder "build", as better build does.
-        catalogue: With --build: catalogue of better assets index, from which objects that the library lacks are
+        catalogue: With --build: catalogue made by better assets index, from which objects missing in the library are
             imported.
-        until: Number of certified tasks of the suite.
-        quota: Quotas PROPERTY=VALUE:AMOUNT of template, axis, context or difficulty; AMOUNT is the least (20%, 5), or
-            the least and the largest (10%-30%, 3-8).
+        until: Number of certified tasks in the suite.
+        quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
+            range (10%-30%, 3-8).
         quotas: YAML or JSON file with quotas.
-        distinct: Difference between any two tasks: another category of object, or another category or color.
-        unlike: Suites whose near-duplicates are left out: better60, or suite folders.
-        max_attempts: Largest number of scenarios to build; three per task if not given.
-        name: Name of the suite; a digest of its tasks is added. As the following options, for --until and --build.
-        seeds: Trials of each variation to certify; better eval --trials takes up to this number.
-        demonstrations: Demonstrations of the expert to measure per task.
-        power: Trials of each faulty policy per variation, which measure whether the variation exposes a fault; 0 for
-            none.
-        workers: Worker processes; one per CPU core if not given.
+        distinct: Required difference between any two tasks: an object of another category, or of another category or
+            color.
+        unlike: Suites to which no near-duplicates are added: better60, or suite folders.
+        max_attempts: Maximum number of scenarios to build; default: three per task.
+        name: Name of the suite; a digest of its tasks is appended. This and the following options are for --until and
+            --build.
+        seeds: Trials to certify per variation; the maximum for better eval --trials.
+        demonstrations: Expert demonstrations to measure per task.
+        power: Trials of each faulty policy per variation, to measure whether the variation exposes a fault; 0 for none.
+        workers: Number of worker processes; default: one per CPU core.
         overwrite: Replace files in the folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
@@ -140,7 +141,7 @@ def generate_command(
 
 
 def _require_unused(options: Mapping[str, object], needed: str, what: str) -> None:
-    """Raise InvalidInputError if an option is given that has no effect without another one."""
+    """Raise InvalidInputError for an option that has no effect without another option."""
     given = next((name for name, value in options.items() if value not in (None, ())), None)
     if given is not None:
         raise InvalidInputError(given, f"has no effect without {needed}", f"Give {needed} with {what}")

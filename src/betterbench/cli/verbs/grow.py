@@ -1,4 +1,4 @@
-"""``better generate --until``: a suite that grows to a number of certified tasks under quotas."""
+"""``better generate --until``: growth of a suite to a number of certified tasks under quotas."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAGE = "growth.html"
 
 
 def read_quotas(texts: Sequence[str], file: Path | None) -> tuple[Quota, ...]:
-    """Return the quotas of the options ``--quota`` and of the file of ``--quotas``.
+    """Return the quotas given by ``--quota`` and by the file ``--quotas``.
 
     Raises:
         InvalidInputError: If the file cannot be read, or a quota has another form.
@@ -34,7 +34,7 @@ def read_quotas(texts: Sequence[str], file: Path | None) -> tuple[Quota, ...]:
 
 
 def _form(file: Path) -> Mapping[str, object]:
-    """Return the fields of a file; an amount without quotes may be a number."""
+    """Return the fields of a quota file; an unquoted amount may be a number."""
     found = read_yaml(file, cure="Write lines like `template: {loose_packing: 20%}`")
     return {
         kind: {str(value): str(amount) if type(amount) is int else amount for value, amount in part.items()}

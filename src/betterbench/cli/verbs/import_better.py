@@ -100,7 +100,7 @@ def _read(folder: Path) -> list[ReleaseTask]:
 
 
 def _choices(asset: tuple[str, ...], releases: list[ReleaseTask]) -> dict[str, str]:
-    """Return the categories given by --asset by object."""
+    """Return the category of each object given by ``--asset``."""
     found: dict[str, str] = {}
     known = {name for release in releases for name in release.instances}
     for text in asset:
@@ -139,7 +139,7 @@ def _imported(releases: list[ReleaseTask], given: dict[str, str], catalogue: Pat
 
 
 def _write_suite(imported: list[Imported], out: Path) -> str | None:
-    """Write the tasks as a suite folder; return its name, or None if no task can be represented."""
+    """Write the tasks as a suite folder and return its name, or None if no task can be represented."""
     from betterbench.jobs import write_durably
     from betterbench.tasks import suite_files, task_to_json
 
@@ -162,7 +162,7 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
 def _certify(
     imported: list[Imported], out: Path, suite: str, *, trials: int, demonstrations: int, workers: int
 ) -> dict[str, dict[str, Summary]]:
-    """Measure demonstrations, certify all conditions and return the results by task and condition."""
+    """Measure demonstrations, certify all conditions, and return the results by task and condition."""
     from betterbench.certification import summaries
     from betterbench.certification.measuring import measure, write_demonstrations
     from betterbench.certification.runner import certify
@@ -200,7 +200,7 @@ def _certify(
 
 
 def _print(one: Imported) -> None:
-    """Print the assets, the variations and the faults of a task."""
+    """Print the assets and variations of a task, and the faults found in it."""
     from betterbench.generation.better_release import certified_text, counts_of
     from betterbench.generation.better_release.pages import certificate_notes
 

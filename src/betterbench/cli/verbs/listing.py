@@ -96,7 +96,7 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
 
 
 def _suites() -> list[list[str]]:
-    """Return the suites of all worlds, and whether each world's simulator is installed."""
+    """Return the suites of all worlds, with whether the simulator of each world is installed."""
     from betterbench.sim.worlds import all_worlds
 
     return [

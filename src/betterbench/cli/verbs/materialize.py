@@ -35,7 +35,7 @@ def materialize_command(
     check: bool = False,
     json: bool = False,
 ) -> None:
-    """Write colors, depth, masks, boxes and optical flow of every recorded state as seekable files.
+    """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
     Only the records and scenes of the run are read. Intact files are kept, so the same command resumes; missing and
     damaged files are rendered again. The files are byte-identical regardless of interruptions and of the number of
@@ -46,17 +46,17 @@ def materialize_command(
     Args:
         run: Run folder.
         camera: Camera to render: NAME, NAME:SIZE, NAME:WIDTHxHEIGHT, or a new camera as
-            NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position and target in meters, degrees); may be given several times. The
-            views of the run's policy if none is given.
-        modality: Modality to write: rgb, depth, instances, semantics, boxes or flow; may be given several times. All if
-            none is given.
-        trial: Trial to render, TASK/CONDITION/SEED; may be given several times. All recorded trials if none is given.
-        quality: Render preset of the colors; the preset that the policy saw if not given.
+            NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position and target in meters, degrees); may be given several times.
+            Default: the views of the run's policy.
+        modality: Modality to write: rgb, depth, instances, semantics, boxes or flow; may be given several times.
+            Default: all.
+        trial: Trial to render, TASK/CONDITION/SEED; may be given several times. Default: all recorded trials.
+        quality: Render preset of the color images; default: the preset used for the policy.
         out: Folder to write; RUN/modalities if not given.
-        workers: Processes that render and compress files.
-        follow: Wait for trials that the run is still recording, until it ends.
-        check: Read all files and compare their checksums instead; each recorded trial, or each --trial, must have its
-            files. Nothing is written.
+        workers: Number of worker processes that render and compress files.
+        follow: Also process trials of a run in progress, until it ends.
+        check: Only verify the checksums of all files; each recorded trial, or each --trial, must have its files.
+            Nothing is written.
         json: Print one JSON document as a summary.
     """
     from betterbench.records import RunFolder
@@ -134,7 +134,7 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
-    """Return one line with the faults of a folder and their remedies."""
+    """Return one line about the problems with a folder and their remedies."""
     from betterbench.statistics.wording import plural
 
     if found.is_of_another_run:
@@ -159,7 +159,7 @@ def _some(texts: Sequence[str]) -> str:
 
 
 def _command(run: Path, place: Path, wanted: Wanted, trials: Sequence[TrialId]) -> str:
-    """Return the command that completes a folder, with the options used to create it."""
+    """Return the command that completes a folder, with its original options."""
     from betterbench.records.modalities.spec import MODALITIES
 
     words = ["better", "materialize", str(run)]

@@ -26,9 +26,9 @@ def premise_command(
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
     Each state settles as in a run. LIBERO then evaluates every relation in the task file between an object named in the
-    instruction and another object, because a simulator update can break scenes. A task takes about half a minute; the
-    same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in the single state from
-    which they run, if their assets are installed (a few seconds each).
+    instruction and another object. Such checks are needed because a simulator update can break scenes. A task takes
+    about half a minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in
+    their only initial state, if their assets are installed (a few seconds each).
 
     Example: better premise libero --suites libero_spatial
 

@@ -1,4 +1,4 @@
-"""``better recipe``: configuration and commands of a training framework for one training recipe."""
+"""``better recipe``: configuration and commands with which a training framework follows a recipe."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def recipe_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write the configuration and commands that train pi0.5, GR00T, Being-H or a LeRobot policy by a recipe.
+    """Write the configuration and commands to train pi0.5, GR00T, Being-H or a LeRobot policy with a recipe.
 
     The recipe is one of the paper's (better, libero, calvin) or your own file. The output folder contains the
     configuration, the commands in order up to the evaluation, and the source of each field. If the data set of better
@@ -41,9 +41,9 @@ def recipe_command(
         data: Folder of the data set, here or on the training machine; several for Being-H.
         out: Folder to write; if not given, the fields are printed.
         gpus: Number of GPUs.
-        weights: Initial weights; the framework's published weights if not given.
+        weights: Initial weights; default: the framework's published weights.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
-        sample_tokens: Number of tokens per sample, from which Being-H packs its sequences.
+        sample_tokens: Number of tokens per sample, by which Being-H packs its sequences.
         overwrite: Write to a folder that better recipe did not make, and replace files with the same names there.
         json: Print one JSON document instead of a table.
     """

@@ -1,4 +1,4 @@
-"""``better replay``: simulate a record again, or render it as a video."""
+"""``better replay``: repeated simulation of a record, or its video."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def replay_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Replay a record's actions and compare every state, or write a video of the record, alone or next to its twin.
+    """Replay the actions of a record and compare every state, or write a video of it, alone or next to its twin.
 
     Example: better replay runs/expert/records/fast_food/T1/0.parquet --check
 
@@ -69,7 +69,7 @@ def replay_command(
 
 
 def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
-    """Return the run of a record and the record metadata; raise RecordError if the record is outside a run."""
+    """Return the run and the metadata of a record; raise RecordError if the record is outside a run."""
     from betterbench.records import RunFolder, read_record
 
     meta = read_record(record).metadata

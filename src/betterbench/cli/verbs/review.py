@@ -1,4 +1,4 @@
-"""``better review``: human review of imported objects and scenes in the browser, and the use of the reviews."""
+"""``better review``: human review of imported objects and scenes in the browser, and application of the reviews."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def review_command(
 
     The page shows one object at a time, with its visual and collision shapes, a ruler and the gripper. Pose,
     size, support plane, grasps, placement frames, mass and name can be changed; keys start a simulated drop or lift.
-    Every decision is appended to the file of --out, which imported(..., review=FILE) in a task file applies. The same
+    Every decision is appended to the file --out, which a task file applies with imported(..., review=FILE). The same
     command resumes where it was stopped. The command listens on this machine only: from elsewhere, forward the port
     (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed address contains a token that every request needs.
 
     "better review assets --asset-dir DIR" reviews the assets of a folder. "better review scenes" shows the scenes of
-    --tasks, --suite or --task-file, one condition after the other: slots and placement frames can be moved, and a key
-    certifies the scene. "better review apply FILE --out DIR" writes the reviewed tasks and assets to new
-    files; the reviewed files are not changed. "better review agree A.jsonl B.jsonl" prints the agreement of two
-    reviews, with Cohen's kappa.
+    --tasks, --suite or --task-file one condition at a time: slots and placement frames can be moved, and a key
+    certifies the scene. "better review apply FILE --out DIR" writes the reviewed tasks and assets to new files; the
+    reviewed files are not changed. "better review agree A.jsonl B.jsonl" prints the agreement of two reviews, with
+    Cohen's kappa.
 
     Example: better review meshes --author ada --out reviews.jsonl
 
@@ -49,11 +49,11 @@ def review_command(
         given: Mesh files and folders of mesh files, by default the meshes that --task-file imports; or one of the
             words assets, scenes, apply (and a review file) and agree (and two review files).
         tasks: With scenes: tasks, or single conditions such as fast_food/L1; default: all of --suite or --task-file.
-        author: Reviewer name in the file; the user's name if not given.
+        author: Reviewer name in the file; default: the user name.
         out: File to which decisions are appended, by default reviews.jsonl, for scenes scene_reviews.jsonl; with
             apply, the folder to write.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
-        port: Port to listen on; 0 for any free one.
+        port: Port to listen on; 0 for any free port.
         overwrite: With apply: replace files that better review did not write.
         json: With agree: print one JSON document.
     """

@@ -1,4 +1,4 @@
-"""``better serve``: a server for any policy with the openpi protocol."""
+"""``better serve``: server for any policy with the openpi protocol."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def serve_command(
     arm: ChosenRobot = USUAL_OPTION,
     api_key_env: str | None = None,
 ) -> None:
-    """Serve a policy with the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
+    """Serve a policy over the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
 
     An expert needs privileged state, so the server runs a shadow simulation of its client's scene. Clients of
-    betterbench name their trial. For other clients, --task, --condition and --seed give the trial. If no task is
-    given, it is the first training condition whose instruction equals the client's prompt.
+    betterbench name their trial. For other clients, --task, --condition and --seed give the trial; without --task, the
+    first training condition whose instruction equals the client's prompt is used.
 
     Example: better serve expert --port 8000
 
@@ -51,16 +51,16 @@ def serve_command(
         host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free one.
         chunk: Number of actions per expert answer; default 8.
-        layout: Preset in which an expert reads requests and answers them, to test a client or an adapter; default:
-            native and openpi_libero.
+        layout: Preset that determines how an expert reads requests and writes answers, to test a client or an adapter;
+            default: native and openpi_libero.
         batch: Maximum number of observations per act_batch call, for policies that implement it; default 16.
         clients: Maximum number of simultaneous clients; 128 if not given. Further clients are rejected until one
-            leaves.
-        task: Task of clients that do not name one.
-        condition: That task's condition; its first training condition if not given.
-        seed: That trial's seed; 0 if not given.
-        arm: The robot of an expert's clients.
-        api_key_env: Environment variable with the key that clients must send.
+            disconnects.
+        task: Task for clients that do not name one.
+        condition: Condition of that task; default: its first training condition.
+        seed: Seed of that trial; default 0.
+        arm: Robot in an expert's scenes.
+        api_key_env: Environment variable with the API key that clients must send.
     """
     from betterbench.evaluation import open_server
     from betterbench.evaluation.serving.server import DEFAULT_CHUNK
@@ -121,7 +121,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 
 
 def _require_expert(policy: str, option: str, does: str) -> None:
-    """Raise InvalidInputError if a policy is not an expert, whose option this is; unknown policies fail later."""
+    """Raise InvalidInputError for an option that only experts have; unknown policies fail later."""
     from betterbench.policies.kinds import find_kind
 
     kind = find_kind(policy)
@@ -130,7 +130,7 @@ def _require_expert(policy: str, option: str, does: str) -> None:
 
 
 def _batch_policy(policy: str) -> BatchPolicy:
-    """Make a policy that answers several observations in one call.
+    """Create a policy that answers several observations in one call.
 
     Raises InvalidInputError if the policy does not support batches.
     """
@@ -171,9 +171,9 @@ def _connections_logged() -> Iterator[None]:
 
 @contextmanager
 def stopped_by_signal() -> Iterator[threading.Event]:
-    """Yield an event that SIGTERM and Ctrl-C set inside the context.
+    """Yield an event that is set by SIGTERM and Ctrl-C.
 
-    A second signal ends the process at once, in case the policy hangs.
+    A second signal ends the process immediately, in case the policy hangs.
     """
     stopped = threading.Event()
 

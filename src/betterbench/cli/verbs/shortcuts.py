@@ -1,4 +1,4 @@
-"""``better shortcuts``: shortcuts in a dataset, and the variations that a learner would fail because of them."""
+"""``better shortcuts``: shortcuts in a dataset, and the variations that a learner would fail because it uses them."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ def shortcuts_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Find associations in demonstrations beyond chance: of words and objects with positions, steps and targets.
+    """Find associations in demonstrations that exceed chance: of words and objects with positions, steps and targets.
 
-    For a run, the states in each record give each object's start, the objects that were picked, their placements, and
-    the variety of the demonstrations. For a LeRobot dataset (2.0 to 3.0), instructions, actions and proprioception are
-    read. Words, word pairs and complete instructions are tested against four facts: where the gripper first closes,
+    For a run, the recorded states show where each object starts, which objects are picked and where they are placed,
+    and how varied the demonstrations are. For a LeRobot dataset (2.0 to 3.0), instructions, actions and proprioception
+    are read. Words, word pairs and complete instructions are tested against four facts: where the gripper first closes,
     where it last opens, its first direction, and the order of its targets. The audit first prints how the data were
-    read. Columns whose meaning the names do not show must be given by --instruction, --gripper, --place and --closed
-    (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
+    read. Columns whose names do not reveal their meaning must be given by --instruction, --gripper, --place and
+    --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
 
-    For runs, each rule is compared with the variations: a variation that breaks a rule tells apart a policy that
-    understands the instruction and a policy that follows the rule. This gives a prediction: the variations ranked by
-    how likely a learner of this dataset fails them, with the expected label.
+    For runs, each rule is compared with the variations: a variation that breaks a rule distinguishes a policy that
+    understands the instruction from one that follows the rule. The result is a prediction: the variations ranked by how
+    likely a learner trained on this dataset fails them, with the expected label.
 
     Example: better shortcuts runs/demonstrations --out audit
 
@@ -55,7 +55,8 @@ def shortcuts_command(
         gripper: Component with the gripper opening, such as action:gripper; one per arm.
         place: Components of the gripper position, x first, such as observation.state[0,1,2]; one set for each
             --gripper, in the same order. A leading + sums up steps.
-        closed: End of the gripper's range that means closed; auto infers it from names and values, or asks you for it.
+        closed: End of the gripper's range that means closed; auto infers it from names and values, or stops with an
+            error that asks for it.
         seed: Seed of the sample taken from more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
@@ -87,7 +88,7 @@ def shortcuts_command(
 def _print(
     facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
 ) -> None:
-    """Print how the data were read, and the associations that were found."""
+    """Print how the data were read and which associations were found."""
     if audit.reading is not None:
         print_item(audit.reading.paragraph)
     for group in audit.groups:
@@ -101,7 +102,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return the facts of the demonstrations, the audit, and the prediction for the variations."""
+    """Return the facts about the demonstrations, the audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -113,7 +114,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return the facts of the demonstrations, the set hash if it is a run, and how they were read."""
+    """Return the facts about the demonstrations, the set hash of a run, and how the data were read."""
     from betterbench.demonstrations.making.production import set_hash
     from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
     from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
@@ -182,7 +183,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print the tested and untested questions, and the rules that only state what words mean."""
+    """Print the tested and untested questions, and the rules that merely reflect the meaning of words."""
     from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
 
     print_item(f"tested in {group.group}: {tested_text(group.asked)}")

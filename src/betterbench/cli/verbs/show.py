@@ -1,4 +1,4 @@
-"""``better show``: a training scene next to a test scene."""
+"""``better show``: picture of a training scene next to a test scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better study``: train and evaluate small policies on every arm of a study, and write one results page."""
+"""``better study``: training and evaluation of small policies on every arm of a study, with one results page."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def study_command(
 
     For each task and arm (a way to choose the training data), learners are trained with each seed, evaluated on
     training conditions and all variations, and diagnosed. study.html then shows the size of each illusion gap, how much
-    of the gap balancing removes, and how accurate the audit's prediction was. Ctrl-C keeps finished work; the same
-    command resumes, also with a larger plan.
+    of it balancing removes, and how accurate the audit's prediction was. Ctrl-C keeps finished work; the same command
+    resumes, also with a larger plan.
 
     Example: better study --preset small --out studies/small
 
@@ -44,9 +44,10 @@ def study_command(
         out: Study folder.
         preset: small (half an hour on two cores), full, levers, doses or diverse (hours), instead of a file.
         suite: Packaged suite, or folder with a suite in JSON, whose tasks replace those of the plan.
-        workers: Worker processes for demonstrations and trials; one per CPU core if not given.
-        device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
-        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        workers: Number of worker processes for demonstrations and trials; default: one per CPU core.
+        device: Torch device for training: cpu, cuda or cuda:N.
+        certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
+            suite.
         overwrite: Write to a folder that better study did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.
     """
@@ -95,7 +96,7 @@ def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | Non
 
         def on_progress(progress: StudyProgress) -> None:
             nonlocal shown
-            if shown != (progress.name, progress.note.partition(" ")[0]):  # a new stage has another pace
+            if shown != (progress.name, progress.note.partition(" ")[0]):  # a new stage has a different pace
                 shown = (progress.name, progress.note.partition(" ")[0])
                 bar.reset(row)
             what = f"{progress.number}/{progress.stages} {progress.name}"

@@ -1,4 +1,4 @@
-"""``better teleop``: demonstrations that a person gives in the browser."""
+"""``better teleop``: human demonstrations in the browser."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def teleop_command(
     leader_port: str = "",
     leader_id: str = "leader",
 ) -> None:
-    """Demonstrate in the browser: drag the gripper, undo to the last subgoal, and save into a run's folder.
+    """Demonstrate tasks in the browser: drag the gripper, undo to the last subgoal, and save into a run folder.
 
     The page shows the scene, the camera images, the instruction and the subgoals. The gripper follows the gizmo, keys,
     a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Only saved demonstrations are
-    written, as ordinary records with their segments and the demonstrator name. The command needs no display and
+    written, as ordinary records with segments and the name of the demonstrator. The command needs no display and
     listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed
     address contains a token that every request needs. Ctrl-C keeps saved demonstrations; the same command resumes, and
     a larger --demos adds more demonstrations.
@@ -50,7 +50,7 @@ def teleop_command(
         condition: The only training condition to demonstrate; default: all.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
-        name: Demonstrator name in the records; the user's name if not given.
+        name: Demonstrator name in the records; default: the user name.
         host: Interface to listen on; on 0.0.0.0 the token of the address is sent unencrypted.
         port: Port to listen on; 0 for any free one.
         cameras: Cameras whose images are shown; no images with --cameras none.
@@ -84,7 +84,7 @@ def teleop_command(
 
 
 def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
-    """Run the page until Ctrl-C, and return whether a thread, no longer needed, is still running."""
+    """Run the page until Ctrl-C, and return whether an unneeded thread is still running."""
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.demonstrations.teleop.cameras import CameraThread
     from betterbench.demonstrations.teleop.station import Station
@@ -111,7 +111,7 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 
 @contextmanager
 def _inputs(controls: Controls, devices: str, leader: str | None, port: str, identity: str) -> Iterator[None]:
-    """Read the devices of this machine inside the context; raise InvalidInputError if a named device cannot be read."""
+    """Read this machine's devices inside the context; raise InvalidInputError if a named device cannot be read."""
     from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
     from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader
 

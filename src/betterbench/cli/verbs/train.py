@@ -1,4 +1,4 @@
-"""``better train``: training of a small policy on demonstrations by a recipe file."""
+"""``better train``: training of a small policy on demonstrations, configured by a recipe file."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def train_command(
 ) -> None:
     """Train a small learner on demonstrations; it is then evaluated as learned:OUT.
 
-    The folder contains checkpoint.safetensors with the recipe inside, tables of loss, validation and rollouts, and
-    their curves. The same command resumes an interrupted training and reaches the same weights. Several devices train
-    together under torchrun.
+    The folder contains checkpoint.safetensors (with the recipe in its metadata), and tables and curves of loss,
+    validation and rollouts. The same command resumes an interrupted training and reaches the same weights. Several
+    devices train together under torchrun.
 
     Example: better train recipe.yaml --out learners/coffee
 
@@ -46,7 +46,7 @@ def train_command(
         tasks: Tasks to train on; overrides the recipe.
         seed: Random seed; overrides the recipe.
         steps: Number of training steps; overrides the recipe.
-        device: Device of torch: cpu, cuda or cuda:N.
+        device: Torch device: cpu, cuda or cuda:N.
         frames: Folder with the rendered frames for a learner that uses images; default: NAME.frames next to each data
             folder.
         workers: Processes that render the frames.
@@ -84,7 +84,7 @@ def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
 
 
 def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> TrainingSet:
-    """Read the demonstrations, and render the missing frames for a learner from images."""
+    """Read the demonstrations, and render missing frames for a learner that uses images."""
     from betterbench.learning.training.data import read_training_set
 
     with progress_bar("reading demonstrations", 0, stays=False) as (bar, row):

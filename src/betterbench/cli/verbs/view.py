@@ -28,19 +28,19 @@ def view_command(
     quality: str | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a recorded trial with film, masks, boxes, contacts and subgoals on one timeline.
+    """Show a recorded trial on one timeline: film, masks, boxes, contacts and subgoals.
 
-    A file name ending in .html gives a page for any browser; .rrd gives a file for the Rerun viewer (extra view), which
-    also shows depth and 3-D boxes.
+    A file name ending in .html gives a page for any browser; one ending in .rrd gives a file for the Rerun viewer
+    (extra view), which also shows depth and 3-D boxes.
 
     Example: better view runs/expert/records/fast_food/T1/0.parquet --out t1.html
 
     Args:
         record: Record file, in its run's folder.
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
-        camera: View to draw, as better materialize takes it; may be given several times. The views of the run's policy
-            if none is given.
-        quality: Render preset; the preset that the policy saw if not given.
+        camera: View to draw, in the syntax of better materialize; may be given several times. The views of the run's
+            policy if none is given.
+        quality: Render preset; default: the preset used for the policy.
         overwrite: Replace a file that better view did not write.
     """
     from betterbench.cli.verbs.replay import run_of
@@ -78,7 +78,7 @@ def view_command(
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM as Ctrl-C, so that half-written files are removed."""
+    """Treat SIGTERM like Ctrl-C, so that partially written files are removed."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 FETCH = "fetch"
 """First word of a command that downloads data."""
 PROBE = "probe"
-"""First word of a command that finds out the convention of a model's coordinates."""
+"""First word of a command that identifies the coordinate convention of a model."""
 SIDE_PX = 896
-"""Side of the images of a set that is made [pixel]: two by two tiles of InternVL. All eyes but native show less of it;
-images of 256 pixels would be nearly the same with all eyes."""
+"""Side length of images in newly made sets [pixel]: two by two tiles of InternVL. All values of ``--eyes`` except
+native reduce it; images of 256 pixels would look nearly the same with every value."""
 
 
 def vlm_command(
@@ -60,37 +60,38 @@ def vlm_command(
     """Evaluate a vision-language model on a static benchmark.
 
     The benchmarks are better-vqa (our own questions about recorded frames, without a download), embspatial, refspatial
-    and egoplan2. better vlm fetch BENCHMARK downloads data or says which files to put where. Every item is scored: a
-    missing or unreadable answer is wrong. The same command resumes an interrupted run and repeats no request.
+    and egoplan2. better vlm fetch BENCHMARK downloads the data or explains which files to put where. Every item is
+    scored: a missing or unreadable answer is wrong. The same command resumes an interrupted run without repeating
+        requests.
 
     Example: better vlm embspatial --data data/embspatial --model http://localhost:8000/v1#my-model --out runs/emb
 
     Args:
         benchmark: Benchmark, "fetch", or "probe" (only identifies the coordinate convention of a model).
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
-        model: Chat endpoint with OpenAI's protocol and its model, as http://localhost:8000/v1#my-model; hf:FOLDER
+        model: OpenAI-compatible chat endpoint and its model, such as http://localhost:8000/v1#my-model; hf:FOLDER
             with an InternVL checkpoint (extra vlm); or learned:CHECKPOINT, a co-trained learner.
-        data: Folder of the data in any published form; for better-vqa a set of better vqa, made if not given.
-        records: Run about whose frames the set asks, for a learner, which gets the recorded state of each frame.
-        acted: Run of the policy, to show its illusion gap next to the static illusion gap of better-vqa.
+        data: Folder of the data in any published format; for better-vqa, a set made by better vqa (default: a new set).
+        records: For a learner: the run that the questions are about; the learner gets the recorded state of each frame.
+        acted: Run of a policy whose illusion gap is shown next to the static illusion gap of better-vqa.
         out: Folder of the run.
-        prompt: Identifier of the prompt; our own if not given.
+        prompt: Identifier of the prompt; default: our own.
         coordinates: Order, scale and form of the model's points and boxes (pixels, thousandths, fractions,
             thousandths-json, thousandths-yx-json or percent-xml), which our own prompts state (fractions for
             refspatial, pixels for better-vqa if not given). It is never guessed.
-        eyes: Resolution of the pictures: unchanged, one tile of 448 pixels, 224 pixels shown as 448, or 224 pixels.
-        max_tiles: Maximum number of InternVL's tiles per image, 12 if not given; an endpoint gets it as vLLM's
+        eyes: Resolution of the images: unchanged, one tile of 448 pixels, 224 pixels upsampled to 448, or 224 pixels.
+        max_tiles: Maximum number of InternVL tiles per image, default 12; sent to an endpoint as vLLM's
             mm_processor_kwargs. Only for native eyes.
-        probe: Check the declared coordinates with ten images of known places before the first question.
-        extractor: Chat endpoint of a language model that copies the answer out of texts that cannot be read.
+        probe: Check the declared coordinates with ten images of known points before the first question.
+        extractor: Chat endpoint of a language model that extracts the answer from texts that cannot be parsed.
         scoring: "official" adds the numbers of upstream scorers, with their faults.
-        questions: Approximate number of questions of a set that is made.
+        questions: Approximate number of questions in a newly made set.
         at_once: Number of simultaneous requests.
-        max_tokens: Longest answer in tokens.
+        max_tokens: Maximum answer length in tokens.
         price_in: Price of a million tokens of prompts and images, in any currency; with --price-out for the cost.
         price_out: Price of a million tokens of answers.
-        cache: Take replies to equal requests from your cache, also those of other runs; --no-cache sends all requests.
-        workers: Number of worker processes that make a set.
+        cache: Reuse cached replies to identical requests, also from other runs; --no-cache sends all requests.
+        workers: Number of worker processes that make a question set.
         key_variable: Environment variable with the key of the endpoint.
         extractor_key_variable: Environment variable with the key of the extractor's endpoint.
         json: Print one JSON document instead of tables.
@@ -222,7 +223,7 @@ def _bar(what: str, total: int) -> Iterator[OnCount]:
 
 
 def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -> ItemSet:
-    """Return the items in a folder, or those of a set that is made when none is given."""
+    """Return the items in a folder, or in a newly made set if no folder is given."""
     if data is None:
         if chosen.source.repository:
             cure = f"Give the folder with its data; better vlm fetch {chosen.name} says what to put there"
@@ -234,7 +235,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
 
 
 def _made(questions: int, workers: int) -> Path:
-    """Make or resume a question set from one expert trial per condition of the suite, and return the set."""
+    """Make or resume a question set about one expert trial per condition of the suite, and return it."""
     import platformdirs
 
     from betterbench.cli.verbs.evaluate import run_with_bar
@@ -256,7 +257,7 @@ def _made(questions: int, workers: int) -> Path:
 
 
 def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
-    """Download the data of a benchmark, or say what to put where."""
+    """Download the data of a benchmark, or explain which files to put where."""
     from betterbench.vlm import find_benchmark
 
     if name is None:

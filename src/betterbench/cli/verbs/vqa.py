@@ -1,4 +1,4 @@
-"""``better vqa``: questions about recorded frames, and scores of a model and of baselines without images."""
+"""``better vqa``: questions about recorded frames, and scores of a model and of image-free baselines."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FrameOptions:
 
     Attributes:
         questions: Approximate number of questions; 0 for as many as can be balanced.
-        frames: Frames per trial, one from each equal part of it; 0 for every frame.
+        frames: Frames per trial, one from each equal part of its duration; 0 for every frame.
         cameras: Cameras whose images the questions are about.
         size: Side of the images in pixels.
         quality: Render preset of the images (shadows and antialiasing).
@@ -50,7 +50,7 @@ class FrameOptions:
     failures_only: bool = False
 
     def balanced(self) -> SetOptions:
-        """Return the options of a balanced set."""
+        """Return the options for a balanced set."""
         from betterbench.vqa.dataset import SetOptions
         from betterbench.vqa.question import QuestionType
 
@@ -67,20 +67,20 @@ class FrameOptions:
 
 @dataclass(frozen=True, slots=True)
 class ModelOptions:
-    """A model that answers or describes a set.
+    """Model that answers questions or describes images of a set.
 
     Attributes:
-        ask: Base address of a chat endpoint with OpenAI's protocol that answers the complete set, such as
+        ask: Base URL of an OpenAI-compatible chat endpoint that answers the complete set, such as
             http://localhost:8000/v1.
-        describe: Base address of an endpoint that writes descriptions and questions about the set's images. Statements
-            that the state does not prove are dropped.
+        describe: Base URL of an endpoint that writes descriptions and questions about the set's images. Statements not
+            proven by the state are dropped.
         images: Number of images to describe.
-        model: Model name at that address.
+        model: Model name at that URL.
         coordinates: Meaning of the numbers in the model's boxes and points.
         at_once: Number of simultaneous requests.
         answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), otherwise read and scored.
-        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT). The question is the
-            position of the object that the instruction names.
+        learner: With --run, the co-trained learner that made the run (learned:CHECKPOINT). It is asked for the position
+            of the object named in the instruction.
         key_variable: Environment variable with the key of the endpoint.
     """
 
@@ -111,17 +111,17 @@ def vqa_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make questions about a run's frames, answered from its records and balanced against blind guessing.
+    """Make questions about the frames of a run, with answers from its records, balanced against blind guessing.
 
-    The questions are about boxes, counts, relations, containment, stacks, states, progress and presence of objects.
-    They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run, the
-    questions are about the decisive moments of the run's trials, for better diagnose --answers. The same command
+    The questions ask for bounding boxes, counts, relations, containment, stacks, states, progress and presence of
+    objects. They are written as JSON lines in the conversation format of LLaVA and as Parquet, with images. With --run,
+    the questions are about the decisive moments of the run's trials, for better diagnose --answers. The same command
     resumes an interrupted set.
 
     Example: better vqa runs/expert --out sets/expert --questions 10000
 
     Args:
-        source: Folder of a run to make questions about, or of a set for a model to answer.
+        source: Run folder to make questions about, or set folder whose questions a model answers.
         run: Folder of a run whose decisive moments the questions are about.
         out: Folder of the set.
         suite: Packaged suite, or folder with a suite in JSON; its tasks are used if --tasks names none.
@@ -158,7 +158,7 @@ def vqa_command(
 def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
-    """Return the chosen set, made if it does not exist, and its run's folder if known."""
+    """Return the chosen set, which is made if missing, and the folder of its run if known."""
     from betterbench.sim.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 
@@ -178,7 +178,7 @@ def _made(
 
 
 def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
-    """Return the scores of a model's answers, asked now or read from a file, or None if there are no answers."""
+    """Return the scores of a model's answers, requested now or read from a file, or None without answers."""
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
     from betterbench.vqa.llm import ChatEndpoint
 
@@ -203,7 +203,7 @@ def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[S
 def _ask_learner(
     address: str, source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, *, json: bool
 ) -> None:
-    """Ask the learner that played a run for the positions of the named objects, and print its answers."""
+    """Ask the learner that made a run for the positions of the named objects, and print its answers."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.output.vqa import print_own_answers
     from betterbench.evaluation.figures.views import ViewRenderer
@@ -284,7 +284,7 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
 def _described(
     run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
 ) -> dict[str, object]:
-    """Let a model describe images of a set, and keep the statements that the recorded state proves."""
+    """Let a model describe images of a set, and keep the statements proven by the recorded state."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.freeform import describe_images

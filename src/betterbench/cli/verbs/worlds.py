@@ -1,4 +1,4 @@
-"""``better worlds``: worlds with a separately installed simulator, and their installation."""
+"""``better worlds``: list and installation of worlds with a separate simulator."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def worlds_command(
             raise UnknownNameError("world", name, apart)
         world = apart[name]
         say(f"{name}: {'is installed' if world.is_installed else f'is being installed, {world.size}'}")
-        folder = world.install(waits=lambda: say(f"{name}: another installation is under way; waiting for its end"))
+        folder = world.install(waits=lambda: say(f"{name}: another installation is in progress; waiting for it to end"))
         if json:
             print_json({"world": name, "folder": str(folder)})
         else:

@@ -1,4 +1,4 @@
-"""Illusion gaps across worlds: the loss in success when the scene changes, on the same trials or chains.
+"""Illusion gaps across worlds: the drop in success when the scene changes, on paired trials or chains.
 
 A trial in LIBERO-PRO and its twin in the base suite share only the number of the initial state; the states differ.
 """
@@ -21,7 +21,7 @@ from betterbench.tasks.worlds.libero_plus import AXES, axis_of
 
 @dataclass(frozen=True, slots=True)
 class WorldGap:
-    """One policy in one world, with and without a change of the scene.
+    """Illusion gap of one policy in one world: success with and without a scene change.
 
     Attributes:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
@@ -51,7 +51,7 @@ class WorldGap:
 
 
 def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
-    """Return all gaps that each policy's runs allow, in run order.
+    """Return every gap that can be computed from the runs of each policy, in run order.
 
     A LIBERO-PRO gap needs a run of the base suite and a run of the changed suite. A gap in CALVIN needs the official
     and the resampled chains. The gap in betterbench's own suite is the metric of the diagnosis.
@@ -96,7 +96,7 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 
 
 def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
-    """Return the gap of every LIBERO-Plus axis; all variants of a task share the base suite's trial."""
+    """Return the gap for each LIBERO-Plus axis; all variants of a task are paired with the same base-suite trial."""
     pairs: dict[str, list[tuple[InitialState, bool]]] = {}
     for (name, seed), success in sorted(run.successes.items()):
         task, _, condition = name.partition("/")
@@ -152,7 +152,7 @@ def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[WorldGap]:
 
 
 def _corrected(gaps: Sequence[WorldGap]) -> list[WorldGap]:
-    """Return the gaps with p-values Holm-corrected over the tested gaps of each policy."""
+    """Return the gaps with p-values Holm-corrected over each policy's tested gaps."""
     result = list(gaps)
     for policy in dict.fromkeys(gap.policy for gap in gaps):
         tested = [(i, g.p_value) for i, g in enumerate(result) if g.policy == policy and g.p_value is not None]

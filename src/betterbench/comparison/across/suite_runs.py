@@ -1,4 +1,4 @@
-"""Run outcomes in one suite of one world. Every planned trial counts; unfinished trials are failures."""
+"""Outcomes of runs, each in one suite of one world. Every planned trial counts; unfinished trials are failures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OURS = OUR_SUITE
 """Suite name for a run in betterbench's own scenes."""
 
 InitialState = tuple[str, int]
-"""Task and seed, the number of the initial state. Twins and policies share it.
+"""Task and seed (the index of the initial state), by which twins and policies are paired.
 
 In LIBERO-Plus, the task is the name of a variant ("libero_object-03/camera_0_0_100_2_4").
 """
@@ -33,9 +33,9 @@ class SuiteRun:
 
     Attributes:
         policy: Policy name; runs of the same name are one policy.
-        base: The suite that a change turned into this suite, or this suite's own name.
+        base: Name of the suite from which this suite was derived, or this suite's own name.
         change: The change ("swap", "resampled"), or None.
-        protocol: The community's protocol used for the run; empty for betterbench's own suite.
+        protocol: Community protocol used for the run; empty for betterbench's own suite.
         versions: Versions of the world's packages; numbers from different versions are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
@@ -62,7 +62,7 @@ class SuiteRun:
 
 
 def is_across(runs: Sequence[RunFolder]) -> bool:
-    """Return whether runs belong to several suites, or to chains, so that labels cannot be compared trial by trial."""
+    """Return whether the runs span several suites or are chains; their labels then cannot be compared by trial."""
     suites = {_suite_of(run) for run in runs}
     return len(suites) > 1 or any(run.world.reading == "chains" for run in runs)
 

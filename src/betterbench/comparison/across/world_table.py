@@ -27,7 +27,7 @@ LIBERO_COLUMNS = {
     "libero_goal": "Goal",
     "libero_10": "Long",
 }
-"""The suites of the paper's table, with their names there."""
+"""Suites in the paper's table, with the names used there."""
 
 AVERAGE = "average"
 CALVIN = "calvin"
@@ -61,7 +61,7 @@ class WorldRow:
 
 @dataclass(frozen=True, slots=True)
 class WorldContrast:
-    """Two policies in one suite of LIBERO, on the same initial states.
+    """Comparison of two policies in one LIBERO suite, on the same initial states.
 
     Attributes:
         suite: Suite name; "average" for all four together.
@@ -150,7 +150,7 @@ def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
 
 
 def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
-    """Return the comparison of two policies in each shared suite, corrected together, and in all four together."""
+    """Compare two policies in each shared suite, with p-values corrected together, and over all four suites."""
     pairs: dict[str, list[tuple[tuple[str, int], bool, bool]]] = {}
     for suite in LIBERO_COLUMNS:
         if (a, suite) in by and (b, suite) in by:
@@ -180,7 +180,7 @@ def _table(pairs: Sequence[tuple[tuple[str, int], bool, bool]]) -> PairedTable:
 
 
 def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
-    """Return a note for every difference of protocol or version within a base suite.
+    """Return a note for each difference in protocol or version within a base suite.
 
     Raises:
         RunConflictError: If there is a difference and mixing is not allowed.

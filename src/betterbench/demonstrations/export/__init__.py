@@ -1,8 +1,9 @@
-"""Export: demonstrations from runs as data sets for policy training, in the layout of a policy's preset.
+"""Export of demonstrations from runs as data sets for policy training, in the layout of a policy preset.
 
-- ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes, and their columns.
+- ``job``, ``selection``, ``part``, ``frames``, ``actions``, ``layout``: the episodes and their columns.
 - ``lerobot``, ``lerobot_v21``, ``robomimic``, ``video``, ``language``, ``card``: the formats.
-- ``check``, ``expected``, ``comparing``, ``lerobot_check``, ``robomimic_check``: an export compared with its records.
+- ``check``, ``expected``, ``comparing``, ``lerobot_check``, ``robomimic_check``: comparison of an export with its
+  records.
 """
 
 from typing import TYPE_CHECKING

@@ -31,7 +31,7 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     a demonstrator added. In another action space they are computed from the commands to the controller, which every
     record
     contains: the joint references at the end of each control step, or the corresponding pose. A delta is measured from
-        the sum of all earlier deltas, so a delta compensates for clipping of the previous one. Noise is removed from
+        the sum of all earlier deltas, so each one compensates for clipping of the previous one. Noise is removed from
         poses.
     It stays in joint references, because the controller's response to another pose is not recorded.
 
@@ -64,9 +64,9 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 
 
 def _openings(record: Record, space: ActionSpace) -> np.ndarray:
-    """Return the commanded openings of the gripper (n_steps, 1) in a space of the robot's own motors.
+    """Return the commanded gripper openings (n_steps, 1) in an action space of the robot's own motors.
 
-    The servo of the gripper is the last one of a robot.
+    The gripper's servo is the last one.
     """
     jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
     return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])
@@ -104,14 +104,14 @@ def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def commands(gripper: np.ndarray) -> np.ndarray:
-    """Return gripper commands (n,) in which a zero repeats the command before it, and is -1 (open) at the start."""
+    """Return gripper commands (n,) with each zero replaced by the preceding command, or by -1 (open) at the start."""
     signs = np.sign(gripper)
     last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
     return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)
 
 
 def _joint_steps(references: np.ndarray) -> np.ndarray:
-    """Return joint deltas (n, joints) that follow joint references (n + 1, joints) within the bounds of a step."""
+    """Return joint deltas (n, joints) that track joint references (n + 1, joints) within the bounds per step."""
     here, steps = np.array(references[0]), []
     for goal in references[1:]:
         step = np.clip((goal - here) / JOINT_STEP_PER_UNIT_RAD, -1.0, 1.0)
@@ -121,7 +121,7 @@ def _joint_steps(references: np.ndarray) -> np.ndarray:
 
 
 def _pose_steps(record: Record, positions: np.ndarray, quaternions: np.ndarray, *, measured: bool) -> np.ndarray:
-    """Return Cartesian deltas (n, 6) that lead to poses within the bounds of a step."""
+    """Return Cartesian deltas (n, 6) that track poses within the bounds per step."""
     position = np.array(record.commanded_position[0])
     quaternion = _quaternion(record.commanded_quaternion[0])
     steps = []

@@ -1,4 +1,4 @@
-"""Card of a data set: README.md with counts, columns, and commands for training and evaluation."""
+"""Dataset card: README.md with counts, columns, and commands for training and evaluation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FRONT = (
 )
 
 STILL = 1e-3
-"""Distance of the quantiles 0.01 and 0.99 below which a component is nearly constant."""
+"""A component is nearly constant if its quantiles 0.01 and 0.99 are closer than this."""
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:

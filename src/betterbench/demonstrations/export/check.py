@@ -33,7 +33,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of a check, which covers the list in ``docs/export.md`` and three images per episode and camera.
+    """Result of a check of the list in ``docs/export.md`` and of three images per episode and camera.
 
     Attributes:
         worst_error: Largest mean image error, in levels of 255; 0 for lossless images.
@@ -46,7 +46,7 @@ class ExportCheck:
 
 
 def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount | None = None) -> ExportCheck:
-    """Compare a data set with its runs' records.
+    """Compare a data set with the records of its runs.
 
     ``on_progress`` is called with the number of episodes done and planned.
 
@@ -128,16 +128,16 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return the description of an episode's origin."""
+    """Return the description of where an episode came from."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
 
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
-    """Compare the description of the origin with records and layout.
+    """Compare the stored origin with records and layout.
 
-    The omitted trials, the package version, the evaluation command, the options digest and the file sizes cannot be
-    derived from them. The digests of files are compared afterward.
+    Omitted trials, package version, evaluation command, options digest and file sizes cannot be derived from these. The
+    file digests are compared later.
     """
     wanted = origin_of(
         expected.dataset.episodes,
@@ -161,7 +161,7 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
 def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
     """Compare the bytes of all files with their stored digests, if the data set has digests.
 
-    This covers images that are not rendered again. A page that was edited is ignored.
+    This also covers images that are not rendered again. An edited dataset card is ignored.
     """
     if path.is_file():
         with intact(str(path)):
@@ -198,7 +198,7 @@ def _source(path: Path) -> dict[str, Any]:
 
 
 def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
-    """Return the run index with an episode's record, and its trial."""
+    """Return the index of the run that contains an episode's record, and the trial."""
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for number, run in enumerate(runs):
         entry = run.entry(trial)

@@ -1,4 +1,4 @@
-"""Comparison of a data set with the expected content; the first difference is reported in one line."""
+"""Comparison of a data set with its expected content, which reports the first difference in one line."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
 CURE = "Export it again into another folder"
 
 LEVEL = "a number from 0 to 1"
-"""Placeholder in an expected form for the statistics of images, which are not computed again."""
+"""Placeholder for the expected image statistics, which are not recomputed."""
 
 _CLOSE = 1e-9
-"""Largest relative difference of a number: another version of NumPy may add in another order."""
+"""Maximum relative difference of a number; other versions of NumPy may sum in a different order."""
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
@@ -31,16 +31,16 @@ _MOST_OF_A_FIELD = 200
 
 
 def require_match(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless a JSON form equals the expected one.
+    """Raise InvalidInputError unless a JSON value equals the expected one.
 
-    Numbers that are not integers may differ by rounding. ``where`` names the file and the place in it.
+    Non-integer numbers may differ by rounding. ``where`` names the file and the field.
     """
     wanted = parse_json(json.dumps(wanted))
     require_equal(_settled(there, wanted), wanted, where)
 
 
 def require_equal(there: object, wanted: object, where: str) -> None:
-    """Raise InvalidInputError unless two JSON forms are equal in every type and number."""
+    """Raise InvalidInputError unless two JSON values are equal in every type and number."""
     found = first_difference(there, wanted, _ROOT)
     if found is None:
         return
@@ -66,11 +66,11 @@ _BROKEN = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
     pa.ArrowException,
 )  # fmt: skip
-"""Exceptions that reading damaged or foreign files raises."""
+"""Exceptions raised when damaged or foreign files are read."""
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Return a form with close numbers replaced by the expected ones, and with texts for types that JSON lacks."""
+    """Return a value in which close numbers are replaced by the expected ones, and types that JSON lacks by texts."""
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}
         return {str(name): _settled(value, known.get(name)) for name, value in there.items()}

@@ -1,4 +1,4 @@
-"""Episodes of a data set in order, and the data set's description, as input for the writers of all formats."""
+"""Ordered episodes and description of a data set, the input of the writers for all formats."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FrameQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DatasetEpisode:
-    """One episode of a data set: its part's folder, its description, and its record's digest."""
+    """One episode of a data set: the folder of its part, its description, and the digest of its record."""
 
     folder: Path
     about: Mapping[str, Any]
@@ -42,7 +42,7 @@ class Dataset:
     Attributes:
         train: Number of training episodes, which come first; the others are for validation.
         language: Whether to write LeRobot's language columns.
-        source: Description of the origin: runs, versions, trials left out, the command to evaluate.
+        source: Origin of the data: runs, versions, omitted trials, and the evaluation command.
     """
 
     episodes: tuple[DatasetEpisode, ...]
@@ -60,16 +60,16 @@ class Dataset:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """The different instructions; a task index is an index into them."""
+        """The distinct instructions, which task indices refer to."""
         return tuple(dict.fromkeys(str(episode.about["instruction"]) for episode in self.episodes))
 
     @property
     def subgoals(self) -> tuple[str, ...]:
-        """The different subgoals; a subtask index is an index into them."""
+        """The distinct subgoals, which subtask indices refer to."""
         return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
 
     def parts(self) -> Iterator[Part]:
-        """Yield each episode's content; raise RecordError if one was damaged after it was made."""
+        """Yield the content of each episode; raise RecordError if it was damaged after it was made."""
         for episode in self.episodes:
             part = read_part(episode.folder, self.layout)
             if part is None:
@@ -78,7 +78,7 @@ class Dataset:
 
 
 def splits(dataset: Dataset) -> dict[str, str]:
-    """Return the ranges of episodes for training and, if there are any, for validation, as LeRobot writes them."""
+    """Return the episode ranges for training and, if there are any, for validation, in LeRobot's notation."""
     total = len(dataset.episodes)
     ranges = {"train": f"0:{dataset.train}"}
     return ranges if dataset.train == total else ranges | {"validation": f"{dataset.train}:{total}"}

@@ -1,4 +1,4 @@
-"""Expected content of a data set, computed from its records in the same way as by the writers, to check an export."""
+"""Expected content of a data set, computed from its records as by the writers, to check an export."""
 
 from __future__ import annotations
 
@@ -61,8 +61,7 @@ class ExpectedDataset:
     def divided(self, train: int, where: str, said: str) -> Dataset:
         """Return the data set with ``train`` training episodes.
 
-        Raises InvalidInputError with the statement ``said`` of the file ``where`` if no validation share gives this
-        split.
+        If no validation share gives this split, raises InvalidInputError that quotes ``said`` from the file ``where``.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):
@@ -79,7 +78,7 @@ class ExpectedDataset:
         return self._open(self._totals.stats())
 
     def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
-        """Return statistics with placeholders for image levels, of which only shape and count are known."""
+        """Return statistics with placeholders for image levels, because only their shape and count are known."""
         levels: Any = [[[LEVEL]]] * 3
         opened = {
             name: {what: value if what == "count" else levels for what, value in stats[name].items()}

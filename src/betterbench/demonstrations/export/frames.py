@@ -34,9 +34,9 @@ class Numbers:
 
 
 def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
-    """Return the numbers for all frames; the last state is left out, because no action follows it.
+    """Return the numeric columns of all frames, except of the last state, which no action follows.
 
-    Raises InvalidInputError if the record's motion cannot be expressed in the preset's action space.
+    Raises InvalidInputError if the motion cannot be expressed in the preset's action space.
     """
     adapter = layout.adapter
     actions = actions_in(record, action_space(adapter.answer.space))
@@ -64,7 +64,7 @@ def shown_images(
     pictures: Iterator[Mapping[str, np.ndarray]],
     rows: Collection[int] | None = None,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the policy's images for some or all frames by column, from the camera images at each frame."""
+    """Yield the images that the policy would see, by column, for some or all frames, from the camera images."""
     observed = (o for o in _observations(record) if rows is None or o.step in rows)
     for seen, views in zip(observed, pictures, strict=True):
         by_key = layout.adapter.images(replace(seen, images=views))
@@ -89,7 +89,7 @@ def active_subgoals(record: Record) -> tuple[str, ...]:
 
 
 def _observations(record: Record) -> Iterator[Observation]:
-    """Yield what a policy sees before each action, without images."""
+    """Yield the policy's observation before each action, without images."""
     for state in record.states():
         if state.step < record.n_steps:
             yield observation_of(state, record.metadata.instruction, {})

@@ -1,4 +1,4 @@
-"""Export of a data set: several workers make the episodes, and the complete set is then moved to its path.
+"""Export job: several workers make the episodes, and the complete data set is then moved to its path.
 
 All files are made in a hidden folder next to the target, ``.NAME.parts``. Complete episodes are reused, and a single
 rename moves the finished data set to its path, so the set is either complete or absent. The bytes depend only on the
@@ -49,12 +49,12 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of an export's content, changed when the same records give other frames."""
+"""Version of the export's content, increased when the same records give different frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
-"""File of a data set that describes its origin."""
+"""File that describes the origin of a data set."""
 README = "README.md"
-"""Page of a data set, which its owner may edit."""
+"""Dataset card, which the owner may edit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,11 @@ class ExportPlan:
 
     Attributes:
         out: Folder of the data set, or its file for robomimic.
-        form: Storage of images; robomimic's are always lossless.
+        form: Image format; always lossless for robomimic.
         quality: Render preset; None for the runs' preset.
-        validation: Share of the seeds whose episodes are for validation.
+        validation: Share of the seeds held out for validation.
         language: Whether to write LeRobot's language columns, which LeRobot 0.6 and newer read.
-        questions: Folder with a set of questions about the frames, or None.
+        questions: Folder of a question set about the frames, or None.
         overwrite: Whether to replace another data set of betterbench, or for robomimic any other file.
     """
 
@@ -156,7 +156,7 @@ def _checked(plan: ExportPlan) -> ExportPlan:
 
 
 def _quality(plan: ExportPlan) -> str:
-    """Return the name of the render preset; raise InvalidInputError if the runs differ and none is given."""
+    """Return the render preset by name; raise InvalidInputError if the runs differ and none is given."""
     if plan.quality is not None:
         return quality_preset(plan.quality).name
     forms = [run.plan.get("quality", "standard") for run in plan.runs]
@@ -189,10 +189,7 @@ def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
 def pairs_of(
     runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
 ) -> dict[tuple[int, TrialId], list[str]]:
-    """Return the twin pair ids of each demonstration, by its run's index and its trial.
-
-    Runs without twins have none.
-    """
+    """Return the ids of the twin pairs of each demonstration, by run index and trial. Runs without twins have none."""
     found: dict[tuple[int, TrialId], list[str]] = {}
     for number, run in enumerate(runs):
         chosen = {trial for of, trial in demonstrations if of == number}
@@ -222,7 +219,7 @@ def _remove_leftover(staging: Path) -> None:
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return the finished data set at the destination; raise RunConflictError if other files are there."""
+    """Return the finished data set at the destination, if any; raise RunConflictError for other files."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -371,9 +368,9 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the seeds of the validation episodes: complete seeds, because conditions share their layouts.
+    """Return the validation seeds; whole seeds are held out, because the conditions of a seed share their layout.
 
-    At least one seed is left for training.
+    At least one seed remains for training.
     """
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
@@ -407,10 +404,9 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether some trials may be split in an export with the first ``train`` for training.
+    """Return whether an export may use the first ``train`` trials for training.
 
-    This is the case if some validation share (which is not stored) gives this split. Complete seeds are held out and
-    come last.
+    It may if some validation share (which is not stored) gives this split. Whole seeds are held out and come last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -441,7 +437,7 @@ def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[st
         words.append("--suite better60")
     else:
         words.append(f"--tasks {' '.join(map(shell_word, sorted(set(tasks))))} --trials 3")
-    words += map(shell_word, options_by_name(tasks))  # a data set is shared, and its reader has the files elsewhere
+    words += map(shell_word, options_by_name(tasks))  # a data set may be shared, and its users have the files elsewhere
     return " ".join([*words, "--out RUN"])
 
 

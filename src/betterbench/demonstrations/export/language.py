@@ -1,4 +1,4 @@
-"""LeRobot's language columns: an episode's subgoals, and questions about its frames.
+"""LeRobot's language columns: the subgoals of an episode, and questions about its frames.
 
 Source: huggingface/lerobot 0.6, ``src/lerobot/datasets/language.py`` and ``docs/source/language_and_recipes.mdx``.
 """
@@ -47,7 +47,7 @@ def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
 
 
 def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
-    """Return the type of a column entry, with ``call`` as the type of its tool calls."""
+    """Return the Arrow type of a column entry, with ``call`` as the type of its tool calls."""
     fields = [pa.field("role", pa.string(), nullable=False)]
     fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
     fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []

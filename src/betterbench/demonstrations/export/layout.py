@@ -1,4 +1,4 @@
-"""Columns of a data set: a policy's inputs and outputs in a preset, under the names that its trainer expects.
+"""Columns of a data set: a policy's inputs and outputs in a preset, under the names expected by its trainer.
 
 The adapter makes every column, so a policy is trained on exactly the data that ``better eval`` sends.
 """
@@ -29,10 +29,10 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets, in the order in which they are searched for one with all of a layout's cameras."""
+"""Observation presets, in the order in which they are searched for the cameras of a layout."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
-"""Columns in a trainer's configuration that the policy does not use; they repeat another column.
+"""Columns required by a trainer's configuration but not used by the policy; they repeat another column.
 
 openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its policy does not use.
 """
@@ -51,7 +51,7 @@ class ImageColumn:
 
 @dataclass(frozen=True, slots=True)
 class VectorPart:
-    """The components ``start`` to ``end`` of a column, under their key in a request or a reply."""
+    """Components ``start`` to ``end`` of a column, with their key in a request or reply."""
 
     key: tuple[str, ...]
     start: int
@@ -65,7 +65,7 @@ class VectorPart:
 
 @dataclass(frozen=True, slots=True)
 class VectorColumn:
-    """A vector per frame; ``components`` are the names of its components."""
+    """One vector per frame, with the names of its components."""
 
     name: str
     parts: tuple[VectorPart, ...]
@@ -85,7 +85,7 @@ class DatasetLayout:
     Attributes:
         adapter: Adapter that fills them.
         observation: Preset that ``better eval --observation`` renders for the policy.
-        copies: Columns of images that repeat another one.
+        copies: Image columns that repeat another column.
         robot: Name of the robot.
     """
 
@@ -105,12 +105,12 @@ class DatasetLayout:
 
     @property
     def all_images(self) -> dict[str, ImageColumn]:
-        """The columns of images by name, repeated ones too."""
+        """All image columns by name, including repeated ones."""
         by_name = {column.name: column for column in self.images}
         return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict: the adapter, and each column's content."""
+        """Return a JSON-serializable dict with the adapter and the content of each column."""
         return {
             "adapter": self.adapter.to_json(),
             "observation": self.observation.to_json(),
@@ -127,7 +127,7 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
     """Return a preset's layout.
 
     ``observation`` is the observation preset for evaluating the policy; by default the first preset with all required
-    cameras. ``robot`` is the name of the robot in the records, by default one that executes the actions.
+    cameras. ``robot`` is the name of the robot in the records, by default a robot that executes the preset's actions.
 
     Raises:
         UnknownNameError: If no such preset exists, or the robot does not execute its actions.
@@ -150,7 +150,7 @@ def layout_of(name: str, observation: str | None = None, *, robot: str | None = 
 
 
 def robot_of_runs(runs: Sequence[RunFolder]) -> str:
-    """Return the name of the robot in some runs; raise InvalidInputError if they have different robots."""
+    """Return the robot of some runs by name; raise InvalidInputError if they differ."""
     names = sorted({str(run.plan.get("robot", USUAL_ROBOT)) for run in runs})
     if len(names) > 1:
         raise InvalidInputError("runs", f"they have the robots {', '.join(names)}", "Export each robot's runs apart")
@@ -187,7 +187,7 @@ def _image_name(adapter: str, key: tuple[str, ...]) -> str:
 
 
 def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
-    """Return the columns of the robot's state: one for all, or one for each if the trainer or precision needs it."""
+    """Return the state columns: one for all state parts, or one per part if the trainer or precision requires it."""
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
     names: list[str] = []
@@ -204,20 +204,20 @@ def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
 
 
 def _components(rule: StateRule, joints: int) -> tuple[str, ...]:
-    """Return a name for each number in a state of an arm with this number of joints."""
+    """Return the component names of a state, for an arm with this number of joints."""
     sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns(joints)]
     return tuple(name for part, size in sizes for name in _part_names(part, size))
 
 
 def _part_names(part: str, size: int) -> tuple[str, ...]:
-    """Return the names of a state part's numbers: those of the motors for a part in their units."""
+    """Return the component names of a state part; a part in motor units is named after the motors."""
     if part in ROBOT_ACTION_SPACES:
         return ROBOT_ACTION_SPACES[part].components
     return (part,) if size == 1 else tuple(f"{part}.{i}" for i in range(size))
 
 
 def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
-    """Return a name for each number in one part of an answer."""
+    """Return the component names of one part of an answer."""
     axes = {"axis_angle": ("rx", "ry", "rz"), "rpy": ("roll", "pitch", "yaw")}
     turns = axes.get(answer.rotation) or tuple(f"rotation.{i}" for i in range(ROTATION_SIZES[answer.rotation]))
     kind, _, axis = part.kind.partition("_")
@@ -236,7 +236,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
 
 
 def _action(adapter: Adapter) -> VectorColumn:
-    """Return the column of the actions: the answers that are expected from the policy."""
+    """Return the action column, whose values are the answers expected from the policy."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
         parts.append(VectorPart(key, len(names), len(names) + size))

@@ -1,4 +1,4 @@
-"""LeRobot data sets: the parts that format versions 2.1 and 3.0 share, and version 3.0 itself.
+"""Writer of LeRobot data sets: the parts shared by format versions 2.1 and 3.0, and version 3.0 itself.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -30,12 +30,12 @@ CHUNK_FILES = 1000
 """Maximum number of files in a folder ``chunk-NNN``."""
 
 MOST_FILE_BYTES = 100 * 1024 * 1024
-"""Largest file of frames before compression, and largest video [byte]; an episode is never split."""
+"""Maximum size of a frame file before compression, and of a video [byte]; episodes are never split."""
 
 SUBTASK = "subtask_index"
 
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
-"""File in which version 3.0 lists the episodes."""
+"""File with the list of episodes in version 3.0."""
 
 COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", SUBTASK)
 
@@ -71,7 +71,7 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
 
 
 def frame_table(dataset: Dataset, number: int, part: Part, *, first: int) -> pa.Table:
-    """Return an episode's frames as a table with LeRobot's columns; ``first`` is the number of its first frame."""
+    """Return an episode's frames as a table with LeRobot's columns; ``first`` is the index of its first frame."""
     rows = len(part)
     columns: dict[str, pa.Array] = {}
     for name, files in part.pngs.items():
@@ -189,7 +189,10 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 
 
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
-    """Return an episode's row in ``meta/episodes`` without locations and statistics; our fields: ``better/``."""
+    """Return an episode's row in ``meta/episodes`` without locations and statistics.
+
+    Our own fields begin with ``better/``.
+    """
     episode = dataset.episodes[number]
     about = episode.about
     return {
@@ -207,7 +210,7 @@ def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
 
 
 def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the ``meta/episodes`` fields with an episode's statistics."""
+    """Return the ``meta/episodes`` fields for the statistics of an episode."""
     return {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
 
 
@@ -240,7 +243,7 @@ class _Files:
 
 
 class _FrameFiles(_Files):
-    """The frame files, each with a row group per episode."""
+    """Writer of the frame files, with one row group per episode."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__("data")
@@ -267,7 +270,7 @@ class _FrameFiles(_Files):
 
 
 class _VideoFiles(_Files):
-    """Video files for one camera column; each file contains several consecutive episodes."""
+    """Writer of the video files of one camera column; each file contains several consecutive episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
         super().__init__(f"videos/{column}")
@@ -322,7 +325,7 @@ def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
 
 
 def _indexed(name: str, words: Sequence[str]) -> pa.Table:
-    """Return a table that maps words to their index, with the words as pandas index."""
+    """Return a table of text indices, with the texts as pandas index."""
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}
     described = {

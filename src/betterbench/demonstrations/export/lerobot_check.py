@@ -25,12 +25,12 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json, read_ordinary
 
 _RANGE = re.compile(r"0:([0-9]{1,9})")
-"""The episodes for training, as LeRobot writes them."""
+"""Range of the training episodes in LeRobot's notation."""
 
 
 @dataclass(slots=True)
 class _Frames:
-    """Current frame file, with the number of its rows that belong to the episodes so far."""
+    """Current frame file, with the number of its rows used by the episodes so far."""
 
     name: str
     table: pa.Table
@@ -41,7 +41,7 @@ class LeRobotCheck(ABC):
     """Check of all content except images, their statistics, and the questions in the language columns.
 
     Attributes:
-        listed_in: Folders whose Parquet files are all read by trainers.
+        listed_in: Folders in which trainers read every Parquet file.
     """
 
     listed_in: Sequence[str]
@@ -60,7 +60,7 @@ class LeRobotCheck(ABC):
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare the newest expected episode, and return a reader of its images."""
+        """Compare the most recently added expected episode, and return a reader of its images."""
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)
         wanted = lerobot.frame_table(dataset, number, part, first=first)
@@ -75,7 +75,7 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare the data about all episodes together, after the last episode."""
+        """Compare the dataset-level data, after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
@@ -99,7 +99,7 @@ class LeRobotCheck(ABC):
 
     @abstractmethod
     def frames_name(self, number: int) -> str:
-        """Return the file name with the frames of an episode."""
+        """Return the name of the file with an episode's frames."""
 
     @abstractmethod
     def video_place(self, column: str, number: int) -> tuple[str, int]:
@@ -135,7 +135,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Check of version 3.0: ``meta/episodes`` locates each episode, and trainers count rows from the first file on."""
+    """Check of version 3.0: ``meta/episodes`` locates episodes, and trainers count rows from the first file."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -160,7 +160,7 @@ class CheckOfV30(LeRobotCheck):
         require_match(there, wanted, f"{self.path / lerobot.EPISODES_FILE}: episode {number}")
 
     def _file(self, kind: str, there: Mapping[str, Any]) -> int:
-        """Return the index of an episode's file: the previous episode's file or, if the row says so, the next file."""
+        """Return the index of an episode's file: that of the previous episode or, if the row says so, the next one."""
         before = self._files.get(kind)
         file = before or 0
         if before is not None and lerobot.file_fields(kind, before + 1).items() <= there.items():
@@ -178,7 +178,7 @@ class CheckOfV30(LeRobotCheck):
         self.same_json("meta/info.json", lerobot.info_v30(dataset))
 
     def frames_name(self, number: int) -> str:
-        """Return the file name in the episode's row."""
+        """Return the file name given in the episode's row."""
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
@@ -266,7 +266,7 @@ def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
 
 
 def _types(schema: pa.Schema) -> dict[str, str]:
-    """Return the type of each column; Parquet versions use two names for the items of a list."""
+    """Return the type of each column, with list items named alike (Parquet versions use two names)."""
     return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
 
 
@@ -277,7 +277,7 @@ def _index_form(table: pa.Table) -> dict[str, Any]:
 
 
 def _at(video: str, number: int) -> np.ndarray | None:
-    """Return one frame of a video, or None after its end."""
+    """Return one frame of a video, or None past its end."""
     found = next(read_pictures(video, first=number), None)
     return found[1] if found is not None and found[0] == number else None
 

@@ -1,4 +1,4 @@
-"""LeRobot's data sets of version 2.1, which openpi's and GR00T's trainers read, with GR00T's ``modality.json``.
+"""Writer of LeRobot data sets of version 2.1, for the trainers of openpi and GR00T, with GR00T's ``modality.json``.
 
 Source of the format: huggingface/lerobot at the commit that openpi pins (0cf86487), and Isaac-GR00T,
 ``getting_started/data_preparation.md``.
@@ -65,7 +65,7 @@ def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def frames_file(number: int) -> str:
-    """Return the file name with the frames of an episode."""
+    """Return the name of the file with an episode's frames."""
     return f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
 
 
@@ -81,7 +81,7 @@ def episode_line(dataset: Dataset, number: int) -> dict[str, Any]:
 
 
 def stats_line(number: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return the line of an episode in ``meta/episodes_stats.jsonl``, from its statistics with all quantiles."""
+    """Return an episode's line in ``meta/episodes_stats.jsonl``, from its statistics with all quantiles."""
     return {"episode_index": number, "stats": without_quantiles(stats)}
 
 
@@ -100,9 +100,10 @@ def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
 
 
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
-    """Return GR00T's ``meta/modality.json``: the name of each state and action slice.
+    """Return GR00T's ``meta/modality.json``, which names each state and action slice.
 
-    None for a layout without the columns of GR00T's loader (``observation.state`` and ``action``).
+    The result is None for a layout without the columns that GR00T's loader needs (``observation.state`` and
+    ``action``).
     """
     columns = {column.name: column for column in (*layout.states, layout.action)}
     if set(columns) != {STATE, ACTION}:

@@ -1,4 +1,4 @@
-"""Statistics of columns as in LeRobot's data sets: for each episode, and for all episodes together."""
+"""Column statistics as in LeRobot data sets, per episode and over all episodes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-"""Names and shares of the quantiles that LeRobot 0.4 and later store."""
+"""Names and levels of the quantiles stored by LeRobot 0.4 and later."""
 
 MOST_SAMPLED = 32
 """Maximum number of evenly spaced images per episode used to compute image statistics."""
@@ -16,7 +16,7 @@ MOST_SAMPLED = 32
 _LEVELS = 256
 
 Stats = dict[str, Any]
-"""Lists of numbers by statistic name; ``count`` is the number of frames."""
+"""Values by name of the statistic; ``count`` is the number of frames."""
 
 
 def vector_stats(values: np.ndarray) -> Stats:

@@ -1,4 +1,4 @@
-"""Exported episode on disk, before the data set is assembled. Incomplete episodes are exported again."""
+"""Storage of exported episodes until the data set is assembled. Incomplete episodes are exported again."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _MAX_INDEX_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Exported episode in a form common to all formats.
+    """Exported episode in a representation shared by all formats.
 
     Attributes:
         vectors: (N, size) by column.
@@ -76,7 +76,7 @@ class Part:
 def write_part(
     folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
 ) -> None:
-    """Compute an episode and write it into a folder; the index, which marks it as complete, is written last.
+    """Compute an episode and write it into a folder. The index is written last and marks the episode as complete.
 
     Raises OSError, the rendering errors, and the same errors as
     :func:`~betterbench.demonstrations.export.frames.frame_numbers`.
@@ -130,7 +130,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Fields that are read from a part's description of its record; see :func:`about`."""
+    """Fields read from a part's description of its record; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -142,7 +142,7 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """Part index: its files, color counts and description; the file carries a seal.
+    """Index of a part: its files, color counts and description, stored with a seal.
 
     Attributes:
         files: SHA-256 of its other files by name.
@@ -244,7 +244,7 @@ def read_png(data: bytes) -> np.ndarray:
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file of one row group; the same table gives the same bytes on one installation."""
+    """Return a table as a Parquet file with one row group; the bytes are reproducible within one installation."""
     buffer = io.BytesIO()
     pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)
     return buffer.getvalue()

@@ -15,7 +15,10 @@ from betterbench.sim.scenes.limited import LimitedView
 
 
 class Pictures:
-    """Renderer of an observation preset's cameras from records, in a limited process. A context manager."""
+    """Renderer of recorded states from the cameras of an observation preset, in a limited process.
+
+    A context manager.
+    """
 
     def __init__(self, cameras: Sequence[CameraSpec], quality: str) -> None:
         self._names = tuple(camera.name for camera in cameras)
@@ -33,7 +36,7 @@ class Pictures:
     def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
         """Yield the images by camera, (height, width, 3) uint8, for the given rows or for every row with an action.
 
-        Consume all images, or close the renderer.
+        Consume the iterator completely, or close the renderer.
 
         Raises:
             RecordError: If the stored scene is missing or unreadable, or belongs to another record.

@@ -1,4 +1,4 @@
-"""Questions about frames, as ``better vqa`` writes them, for the language columns of a data set."""
+"""Questions about frames, written by ``better vqa``, for the language columns of a data set."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def question_set(path: Path) -> QuestionSet:
 def questions_of(
     asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
 ) -> dict[str, tuple[FrameQuestion, ...]]:
-    """Return a set's questions about some records, by SHA-256, without questions about cameras outside the layout.
+    """Return the questions of a set about some records, by SHA-256 of the record.
 
-    Boxes and points are also left out if the image is not shown in its rendered size. Options of a choice are listed
-    with letters below the text.
+    Questions about cameras outside the layout are omitted, and so are boxes and points in images that are resized.
+    Options of a choice are listed with letters below the text.
 
     Raises InvalidInputError if no question is left.
     """
@@ -53,7 +53,7 @@ def questions_of(
 
 
 def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:
-    """Return the sizes of the images that are shown as rendered, by camera."""
+    """Return the sizes of the images that are not resized, by camera."""
     rendered = {camera.name: (camera.width, camera.height) for camera in layout.observation.cameras}
     plain = {rule.camera for rule in layout.adapter.views if not (rule.mirror or rule.turn or rule.keep != 1.0)}
     cameras = [c.camera for c in layout.images if (c.width, c.height) == rendered[c.camera]]

@@ -1,4 +1,4 @@
-"""robomimic's HDF5 files: lossless images, states and actions of every demonstration in one file.
+"""Writer of robomimic's HDF5 files: lossless images, states and actions of all demonstrations in one file.
 
 Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomimic/utils/dataset.py``.
 """
@@ -30,19 +30,19 @@ GYM_TYPE = 2
 _GZIP = 1
 
 _MOST_PACKED = 1100
-"""Maximum ratio of an array's size to its stored size; gzip compresses zeros 1032 to 1."""
+"""Maximum compression ratio of an array; gzip compresses zeros 1032 to 1."""
 _LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 _DIGEST = "better_sha256"
-"""Name of the attribute with the digest of everything else in the file."""
+"""Attribute with the digest of all other content of the file."""
 _SOURCE = "better"
-"""Name of the data set with the origin, next to ``data``, because an attribute is limited to 64 kB."""
+"""HDF5 data set with the origin, next to ``data``; an attribute would be limited to 64 kB."""
 
 
 def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
-    """Write the file, and return the statistics of its columns; each image is one gzip-compressed chunk.
+    """Write the file and return its column statistics; each image is one gzip-compressed chunk.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
@@ -113,9 +113,9 @@ class _StrangeError(ValueError):
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open an untrusted file for reading, after a check that it has no links and stores all its content itself.
+    """Open an untrusted file for reading after checking that it has no links and stores all of its content.
 
-    HDF5 follows links into other files, waits for a named pipe, and fills memory with data that is not stored.
+    HDF5 would follow links into other files, wait for a named pipe, and fill memory with data that is not stored.
 
     Raises:
         MissingDependencyError: If h5py is not installed.
@@ -210,7 +210,7 @@ def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
 
 
 def observation_name(column: str) -> str:
-    """Return a column's name in ``obs``: without the prefixes of LeRobot and betterbench."""
+    """Return a column's name in ``obs``, without the prefixes of LeRobot and betterbench."""
     return column.removeprefix(IMAGES).removeprefix("observation.").removeprefix("better.")
 
 
@@ -220,7 +220,7 @@ def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def is_hdf5(path: Path) -> bool:
-    """Tell whether a file begins like an HDF5 file; the file name does not matter."""
+    """Return whether a file is an HDF5 file, judged by its first bytes and not its name."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE
@@ -234,7 +234,7 @@ def require_h5py() -> None:
 
 
 def read_origin(path: Path) -> dict[str, Any]:
-    """Return the stored origin of a file; raise OSError, ValueError or KeyError if betterbench did not write it."""
+    """Return the stored origin of a file. Raises OSError, ValueError or KeyError if betterbench did not write it."""
     with open_stored(path) as file:
         form: dict[str, Any] = parse_json(file[_SOURCE][()])
         return form

@@ -27,7 +27,7 @@ _JSON_ATTRIBUTES = ("better", "env_args")
 
 
 class RobomimicCheck:
-    """Check of all content except images and filter keys added by others. A context manager."""
+    """Check of all content except images and filter keys added by others; a context manager."""
 
     def __init__(self, path: Path, expected: ExpectedDataset) -> None:
         self._path, self._expected = path, expected
@@ -85,7 +85,7 @@ def _attributes(group: Any) -> dict[str, Any]:  # noqa: ANN401 - a group of h5py
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - what h5py returns
-    """Return a value in JSON's types, with JSON attributes parsed."""
+    """Return a value as JSON types, with JSON attributes parsed."""
     if isinstance(value, dict):
         return {n: parse_json(v) if n in _JSON_ATTRIBUTES else _plain(v) for n, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):

@@ -83,7 +83,7 @@ def select_demonstrations(
 def _require_one_version(
     versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
 ) -> None:
-    """Store the version of a task's demonstrations; reject a second version."""
+    """Remember the version of a task's demonstrations, and reject a second version."""
     version = f"version {of_task} of the task and {of_suite} of the suite"
     before, first = versions.setdefault(entry.task, (version, entry))
     if version != before:
@@ -101,7 +101,7 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
-    """Return the reason from the journal why a trial is not exported, or an empty string."""
+    """Return the reason, from the journal, why a trial is not exported, or an empty string."""
     if entry.status != "done":
         return "not finished"
     if tasks and entry.task not in tasks:

@@ -1,4 +1,4 @@
-"""Videos of data sets: H.264 in MP4, one frame per control step, the same bytes for the same images."""
+"""Videos of data sets: H.264 in MP4, with one frame per control step and reproducible bytes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EFFORT = "veryfast"
 """Preset of x264."""
 
 GROUP = 2
-"""Distance of key frames: LeRobot's own setting, so that a random frame is decoded quickly."""
+"""Key frame interval, as in LeRobot, so that random frames are decoded quickly."""
 
 VIDEO_SETTINGS = {
     "codec": CODEC,
@@ -34,7 +34,7 @@ VIDEO_SETTINGS = {
 }
 """Settings of the video encoder; stored with the data set."""
 
-_BITEXACT = {"fflags": "+bitexact"}  # keeps library versions out of the file
+_BITEXACT = {"fflags": "+bitexact"}  # so that the file does not contain library versions
 
 
 class VideoWriter:

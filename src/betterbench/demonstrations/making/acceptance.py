@@ -1,4 +1,4 @@
-"""Acceptance: fraction of attempts that gave a demonstration, by task, source and region, and causes of failures."""
+"""Acceptance: fraction of attempts that yield a demonstration, by task, source and region, with causes of failure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FOLDER = "acceptance"
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Number of attempts of one kind, and how many were accepted."""
+    """Attempts of one kind, and how many of them were accepted."""
 
     accepted: int
     attempts: int
@@ -50,20 +50,20 @@ class ConditionCoverage:
 
     @property
     def filled(self) -> float:
-        """Fraction of the levels of all factors that have a demonstration, relative to the largest possible number."""
+        """Number of factor levels with a demonstration, relative to the largest possible number."""
         return round(sum(f.filled for f in self.factors) / len(self.factors), 4) if self.factors else 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class TaskAcceptance:
-    """Outcome counts of the attempts at one task.
+    """Outcomes of the attempts at one task.
 
     Attributes:
         attempts: All attempts.
         starts: Number of starts, and number of starts with a demonstration.
         steps: Control steps of the accepted demonstrations.
         sources: Attempts by the leading source.
-        regions: Attempts by the cell of a slot's jitter region, "slot first 0" to "slot first 8".
+        regions: Attempts by cell of a slot's jitter region, "slot first 0" to "slot first 8".
         failures: Failed attempts by kind.
         examples: The first failed attempt of each kind: trial, attempt number, reason.
         coverage: Coverage by training condition.
@@ -85,12 +85,12 @@ class Acceptance:
     """Outcomes of a run's attempts, computed from its records only and without durations.
 
     Attributes:
-        policy: Demonstrator, as the records name it.
+        policy: Name of the demonstrator in the records.
         sha256: Set hash.
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
         variety: Differences between the demonstrations, by task; None if no condition has two.
-        sources: The same for the sources of an amplified set; also None if their folder is missing.
+        sources: The same for the sources of an amplified set; None also if their folder is missing.
     """
 
     policy: str
@@ -204,7 +204,7 @@ def write_acceptance(
 
 
 def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: Mapping[str, str]) -> str:
-    """Return the page about a run of demonstrations, as Markdown."""
+    """Return the acceptance report of a demonstration run, as Markdown."""
     mean = "none yet" if found.mean_rate is None else f"{100.0 * found.mean_rate:.1f} %"
     lines = [
         f"# Acceptance of {markdown_text(found.policy)}",

@@ -1,4 +1,4 @@
-"""Amplifier, which demonstrates in a new scene by transferring the skills of source demonstrations."""
+"""Amplifier: a demonstrator for new scenes that transfers the skills of source demonstrations."""
 
 from __future__ import annotations
 
@@ -27,43 +27,44 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""Choice of a source: any; with the most similar object pose; with the motion that begins nearest to the arm."""
+"""How to choose a source: any, the one with the most similar object pose, or the one whose motion begins nearest to the
+arm."""
 
 NEAREST, NEAREST_SHARE = 3, 0.5
-"""Maximum number and share of sources from which the nearest-neighbor selections draw with equal probability."""
+"""Maximum number and share of nearest neighbors among which a source is drawn with equal probability."""
 OTHER_INSTANCE_M = 0.05
-"""Distance added if two objects are different instances of their category [m]."""
+"""Distance added if two objects are different instances of one category [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
-"""Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
+"""Distances from the pose of the gripper change at which a skill may begin, tried in this order [m]; the motion before
+is transit."""
 TURN_RAD = math.pi / 8.0
 """Angle between two neighboring grasps of an object that may be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Rotations about its own axis that are tried for an object that can be grasped from any side [rad]."""
+"""Rotations about its own axis tried for an object that can be grasped from any side [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
-"""Distance [m] and angle [rad] to its goal at which the arm has settled, and maximum control steps to wait.
-
-The gripper is moved only afterward.
+"""Distance [m] and angle [rad] from its goal within which the arm counts as settled, and maximum number of control
+steps to wait before the gripper moves.
 """
 STILL_M, STILL_STEPS = 2e-4, 2
-"""Finger motion below which the fingers are considered still [m], and number of still steps before a lift."""
+"""Finger motion below which the fingers count as still [m], and number of still steps before a lift."""
 LEAVE_M = 0.10
 """Height by which the tool retreats from the released object at the end, if the source did not retreat [m]."""
 NOISE_BLOCK = 256
-"""Control steps for which noise is drawn in one block."""
+"""Number of control steps for which noise is drawn at once."""
 MOST_DEVIATIONS = 5.0
 """Largest noise in standard deviations; a replay accepts up to 6."""
 TEMPO = 1.4
-"""Largest ratio between the speeds of a skill and of its source; a demonstration has one tempo throughout."""
+"""Maximum ratio between the speeds of a skill and its source, since a demonstration has one tempo throughout."""
 TEMPO_DRAWN = 0.1
 """Largest relative difference between the tempo of a demonstration and the tempo of its leading source."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""Largest displacement of a transit's midpoint from the midpoint of its source: sideways, down and up [m]."""
+"""Maximum displacement of a transit's midpoint from that of its source: sideways, down and up [m]."""
 LAST_STEPS = 60
-"""Control steps after the last skill in which the goal must be met."""
+"""Number of control steps after the last skill within which the goal must be met."""
 PRESS_M = 0.004
-"""Distance beyond its stop to which a drawer is pushed [m], as the expert does."""
+"""Distance by which a drawer is pushed beyond its stop [m], as by the expert."""
 FULL_M = 0.003
-"""Distance from its stop below which a drawer is fully open [m]."""
+"""Distance from its stop below which a drawer counts as fully open [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ class AmplifierSettings:
 
 @dataclass(frozen=True, slots=True)
 class _Hand:
-    """Gripper during a transit: opening width [m], held object, and its pose in the gripper."""
+    """State of the gripper during a transit: opening width [m], held object, and its pose in the gripper."""
 
     width_m: float
     held: str | None = None
@@ -110,7 +111,7 @@ class _Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _WayIn:
-    """Collision-free path to the beginning of a skill.
+    """Collision-free path to the start of a skill.
 
     Attributes:
         poses: Corners of a planned path, or one pose per control step of a transferred transit.
@@ -124,11 +125,11 @@ class _WayIn:
 
 
 class Amplifier:
-    """Demonstrator that uses the privileged state like the expert, with the motions of source demonstrations.
+    """Demonstrator that uses the privileged state, like the expert, and the motions of source demonstrations.
 
     Attributes:
         used: Names of the sources, one per skill that was started.
-        failure: Reason why the attempt failed; None so far.
+        failure: Reason why the attempt failed, or None.
     """
 
     def __init__(
@@ -185,9 +186,9 @@ class Amplifier:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return the action to execute: the last one with noise, or unchanged while the arm settles.
+        """Return the action to execute: the last action with noise, or unchanged while the arm settles.
 
-        Out-of-range values are clipped when the action is applied.
+        Out-of-range values are clipped on execution.
         """
         if self._quiet or not self._settings.action_noise:
             return action
@@ -201,7 +202,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield an episode's actions. If the leading source does nothing, neither does this episode."""
+        """Yield the actions of an episode. If the leading source does nothing, no action moves the arm."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -217,7 +218,7 @@ class Amplifier:
         raise AttemptFailedError("misplaced", self._what_is_open(state))
 
     def _what_is_open(self, state: WorldState) -> str:
-        """Return a description of the leading source's subgoals that are not reached."""
+        """Describe the subgoals of the leading source that are not reached."""
         for s in self._lead.segments:
             if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
                 return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
@@ -258,7 +259,7 @@ class Amplifier:
         raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
-        """Return the rotation of a grasp if any side is allowed [rad]: one step between its grasps, or none."""
+        """Return the rotation of a grasp if any side is allowed [rad]: one step between neighboring grasps, or none."""
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
@@ -274,9 +275,9 @@ class Amplifier:
     def _ordered(
         self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
     ) -> list[SourceSkill]:
-        """Return the matching skills from all sources in the order of attempts.
+        """Return the matching skills from all sources in the order in which they are tried.
 
-        A placement is first tried with the source of its pick, because the object is then held in the same way.
+        A placement is first tried with the source of the pick, because the object is then held in the same way.
         """
         found = list(self._library.skills(key))
         found = [found[i] for i in self._draw.permutation(len(found))]
@@ -291,7 +292,7 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance between a skill's object or target in the source and here; 1 rad is weighted as 1 m."""
+        """Return the distance between a skill's object or target in source and scene; 1 rad is weighted as 1 m."""
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
         other = skill.asset.identity != self._planner.asset(window.object).identity
@@ -299,7 +300,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return the distance from the arm to the beginning of the skill; 1 rad is weighted as 1 m."""
+        """Return the distance from the arm to the start of the skill; 1 rad is weighted as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -316,11 +317,11 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills transferred to this scene; for objects that may be rotated freely, in two variants.
+        """Yield skills transferred to this scene, in two variants for objects that may be rotated freely.
 
-        An object that may be grasped from any side is first grasped rotated about its own axis by ``turn_rad``. If all
-        skills are blocked, it is grasped from another side. If a container is filled differently than in the sources,
-        an object may be released at another of the expert's goals, if training releases objects there.
+        For an object that may be grasped from any side, the grasp is first rotated about the object's axis by
+        ``turn_rad``; if all skills are blocked, other sides are tried. If a container is filled differently than in the
+        sources, an object may be released at another goal of the expert at which training releases objects.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -347,7 +348,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Tell whether training releases objects at a base position [m], if known."""
+        """Return whether training releases objects at a base position [m], if known."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -356,7 +357,7 @@ class Amplifier:
         return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
     def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
-        """Return a free path to a possible beginning of a skill, or None."""
+        """Return a free path to a possible start of a skill, or None."""
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:
             begin = skill.moved.begin_within(radius)
@@ -369,14 +370,14 @@ class Amplifier:
                 if blocked is None:
                     return way
                 if blocked != OUT_OF_REACH:
-                    break  # the skill itself is blocked, for any path
+                    break  # the skill itself is blocked, whatever the path to it
             self._blocked.append(blocked or "")
         return None
 
     def _free_ways(self, state: WorldState, skill: _Candidate, begin: int) -> Iterator[tuple[_WayIn, list[float]]]:
-        """Yield free paths to a step of a skill, with the joints at their end [rad].
+        """Yield free paths to a step of a skill, each with the joint positions at its end [rad].
 
-        First comes the transit of the skill's own source, varied and unvaried, then a planned path.
+        The transit of the skill's own source comes first, with and without variation, and then a planned path.
         """
         goal, hand = skill.moved.targets[begin], skill.hand
         for change in (skill.change, TransitChange(faster=skill.change.faster)):
@@ -397,7 +398,7 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return the first obstacle in a skill before its gripper change, or in the way of the opening gripper.
+        """Return the first obstacle in a skill before its gripper change, or of the opening gripper.
 
         Returns None if there is none.
         """
@@ -414,12 +415,12 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return a skill's speed relative to its source, for the demonstration's tempo."""
+        """Return the speed of a skill relative to its source that matches the demonstration's tempo."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 
     def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
-        """Move to the beginning of a skill at the demonstration's tempo."""
+        """Move to the start of a skill at the demonstration's tempo."""
         self._quiet = False
         pace = CARRY if held is not None else FREE
         gripper = OPEN if held is None else 1.0
@@ -464,7 +465,7 @@ class Amplifier:
         return state
 
     def _close(self, state: WorldState, goal: Pose) -> Motion:
-        """Wait until the fingers are still, because another instance may be narrower than the source's object."""
+        """Close the fingers until they are still, because this instance may be narrower than the source's object."""
         still = 0
         for _ in range(SETTLE_STEPS):
             width = state.finger_width_m
@@ -475,7 +476,7 @@ class Amplifier:
         return state
 
     def _leave(self, state: WorldState) -> Motion:
-        """Move up at the end to release the object completely, even if the source's episode ended earlier."""
+        """Retreat upward at the end to release the object completely, even if the source's episode ended earlier."""
         if state.held is not None:
             return state
         goal = state.commanded_pose.translated(z=LEAVE_M)

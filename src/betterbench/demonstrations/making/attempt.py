@@ -1,4 +1,4 @@
-"""Attempt at a demonstration: the episode, and the decision whether it is accepted."""
+"""Attempt at a demonstration: its episode, and the decision to accept it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LASTING_STEPS = 4
 """Control steps after the end of an episode in which its goal must stay true: 0.2 s, after the dwell of 0.5 s."""
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""Demonstrators, as the policy name in the records of demonstrations."""
+"""Names of the demonstrators, used as the policy name in records of demonstrations."""
 
 
 @strict_form
@@ -40,7 +40,7 @@ class AttemptNote:
     """Outcome of one attempt.
 
     Attributes:
-        number: Number of the attempt at its start, from 0.
+        number: Number of the attempt among those at the same start, from 0.
         failure: Failure kind, or "" if the attempt was accepted.
         reason: Reason of the failure, in one line.
         steps: Number of control steps that the attempt took.
@@ -71,9 +71,9 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a motion style drawn from the scene's seed and the attempt number.
+    """Run the expert in a motion style drawn from the scene's seed and the attempt number.
 
-    With ``twins``, the draw does not depend on the condition.
+    With ``twins``, independently of the condition.
     """
     draw = stream(scene.task.id, scene.seed, f"twins:{number}") if twins else _stream(scene, "collect", number)
     manner = draw_manner(draw)
@@ -143,9 +143,10 @@ def judge_attempt(
     number: int,
     failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Return an attempt with the segments in its record. Only attempts that meet all conditions of a set are accepted.
+    """Judge an attempt, and return it with the segments in its record.
 
-    The scene is at the end of the episode, and ``states`` has the state for each record row.
+    It is accepted only if it meets all requirements of a set. The scene must be at the end of the episode, and
+    ``states`` must hold the state for each record row.
     """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
@@ -156,7 +157,7 @@ def judge_attempt(
 
 
 def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[FailureKind, str]:
-    """Return the failure kind of an episode without success."""
+    """Return the kind of failure of an unsuccessful episode."""
     done = record.subgoals[-1]
     if record.metadata.subgoal_names and done.all():
         return "harm", "all subgoals are done, but another object was moved or harmed"
@@ -169,9 +170,9 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Continue after the end of an episode, without recording, and return the failure if its goal becomes false.
+    """Continue after the end of an episode without recording, and return a failure if the goal becomes false.
 
-    If the right behavior was to do nothing, there is nothing to check.
+    Nothing is checked if the right behavior was to do nothing.
     """
     if scene.condition.expected is not Expected.SUCCEED:
         return None
@@ -194,9 +195,9 @@ def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, s
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first way in which an episode's states leave its task's certified training regime.
+    """Return the first deviation of an episode from the certified training regime of its task.
 
-    Returns None if everything is inside, or if the variation declares that it is outside.
+    The result is None without a deviation, or if the variation declares itself outside.
     """
     variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:

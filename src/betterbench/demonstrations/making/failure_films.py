@@ -1,4 +1,4 @@
-"""Films of failed attempts: the first attempt of each failure kind, reproduced from its seed and rendered."""
+"""Films of failed attempts: the first attempt with each kind of failure, reproduced from its seed."""
 
 from __future__ import annotations
 

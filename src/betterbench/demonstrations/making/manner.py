@@ -1,4 +1,4 @@
-"""Motion styles of demonstrations, drawn by seed to imitate the differences between people."""
+"""Motion styles of demonstrations, drawn by seed to imitate differences between people."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class DemonstrationManner:
     Attributes:
         speed: Fraction of the expert's speed.
         acceleration: Fraction of the expert's acceleration.
-        approach_height_m: Height above the grasp at which the last stretch begins [m].
-        approach_offset_m: Horizontal distance from the grasp at which the last stretch begins [m].
+        approach_height_m: Height above the grasp at which the final approach begins [m].
+        approach_offset_m: Horizontal distance from the grasp at which the final approach begins [m].
         approach_bearing_rad: Direction of that offset in the world frame [rad].
-        grasp_turn_rad: Largest preference for one of several equally good grasps, as a gripper rotation [rad].
+        grasp_turn_rad: Maximum random preference for one of several equally good grasps, as a gripper rotation [rad].
         raise_m: Additional height of transits [m].
         detour_m: Largest sideways displacement of a transit's midpoint [m].
         pause_s: Mean duration of a pause [s].
-        pause_rate: Probability of a pause at each possible moment.
+        pause_rate: Probability of a pause at each opportunity.
         miss_rate: Probability that the gripper closes too early and opens again before a grasp.
     """
 
@@ -68,8 +68,8 @@ class DemonstrationManner:
 def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Return a motion style drawn from a random stream.
 
-    Teleoperators move at a third to the full speed of a scripted expert, pause before contact, approach at a slant and
-    sometimes close the gripper too early. The ranges were chosen by us, not measured from people.
+    Teleoperators move at one third to the full speed of a scripted expert, pause before contact, approach at an angle
+    and sometimes close the gripper too early. The ranges were chosen by us, not measured from people.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
@@ -90,18 +90,18 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 class VariedSkills(Skills):
     """The expert's skills, executed in a motion style.
 
-    The deviations of a style are planned like other motions, and left out if an obstacle prevents them.
+    The deviations that a style adds are planned like other motions, and omitted if an obstacle blocks them.
 
     Attributes:
         manner: The motion style.
-        chance: The demonstration's random stream for pauses, detours and misses, in event order.
+        chance: Random stream of the demonstration for pauses, detours and misses, consumed in the order of events.
     """
 
     manner: DemonstrationManner = DemonstrationManner()
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
-        """Return a pace at the speed and acceleration of the motion style."""
+        """Return a pace scaled to the speed and acceleration of the motion style."""
         m = self.manner
         return replace(
             pace,
@@ -121,7 +121,7 @@ class VariedSkills(Skills):
     def passing(
         self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
     ) -> tuple[Pose, ...]:
-        """Return a planned path up, across and down with a detour, if that is free too."""
+        """Return a planned path up, across and down, with a detour if that is also free."""
         *_, up, over, goal = way
         raised = self.manner.raise_m
         aside = float(self._stream.uniform(-1.0, 1.0)) * self.manner.detour_m
@@ -145,7 +145,10 @@ class VariedSkills(Skills):
         return way if blocked else varied
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
-        """Move to the start of the last stretch, next to the grasp, and along it. Raise PlanningError if blocked."""
+        """Move to the start of the final approach, next to the grasp, and then along it.
+
+        Raises PlanningError if blocked.
+        """
         m = self.manner
         turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
 
@@ -173,7 +176,7 @@ class VariedSkills(Skills):
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
-        """Close and reopen the gripper above an object on the way down to a grasp, unless it would touch anything."""
+        """Close and reopen the gripper above an object during the descent to a grasp, if it touches nothing."""
         info = state.info.object(name)
         top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
         low, high = grasp.position[2], start.position[2]

@@ -1,4 +1,4 @@
-"""Pictures of tool paths: all demonstrations of a task, drawn over the image of one start."""
+"""Pictures of tool paths: all demonstrations of a task, drawn over an image of one start."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ MOST_PATHS = 60
 
 
 def draw_paths(run: RunFolder, *, on_progress: OnCount | None = None) -> dict[str, str]:
-    """Draw the first training condition of every task, and return each picture's file, relative to the report.
+    """Draw the paths in the first training condition of every task.
 
-    Paths of one source have one color; demonstrations without a source have one color each. A picture that cannot be
-    drawn is replaced by the reason. ``on_progress`` gets the number of finished pictures and the total.
+    Returns the file of each picture, relative to the report. Paths from the same source share a color; demonstrations
+    without a source have one color each. A picture that cannot be drawn is replaced by the reason. ``on_progress`` gets
+    the number of finished pictures and the total.
     """
     leads = {t: next((n.lead for n in o.notes if n.accepted), "") for t, o in attempts_of(run.path).items()}
     done = sorted(entry.key for entry in run.entries() if entry.status == "done")

@@ -1,4 +1,4 @@
-"""Production of a demonstration set: starts, attempts at them by workers, and the run folder that contains the set.
+"""Production of a demonstration set: workers make attempts at the planned starts and fill the run folder of the set.
 
 ``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start without an
 accepted attempt stays in the plan as an error, with the reason, and a replacement start is added to the plan. The
@@ -68,9 +68,9 @@ from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files, o
 logger = logging.getLogger(__name__)
 
 ATTEMPTS = "attempts"
-"""Folder within a run of demonstrations for the journal of attempts."""
+"""Folder in a demonstration run that contains the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Versions of the demonstration methods; a run is resumed only with the version that began it."""
+"""Versions of the demonstration methods; a run can be resumed only with the version that started it."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
@@ -82,10 +82,10 @@ class Method:
     Attributes:
         policy: Demonstrator, as the policy name in records: the expert, or the amplifier.
         first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts at one start.
+        attempts: Maximum attempts per start.
         sources: Run folder with the source demonstrations; "" for the expert.
-        sources_hash: That set's hash; "" for the expert.
-        source_tasks: Tasks of the demonstrations in that hash; empty for the expert.
+        sources_hash: Hash of the source set; "" for the expert.
+        source_tasks: Tasks covered by that hash; empty for the expert.
         settings: Settings of the transfer.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
@@ -108,7 +108,7 @@ class Method:
     robot: str = USUAL_ROBOT
 
     def task(self, name: str) -> Task:
-        """Return a task with the regime's conditions as its training conditions."""
+        """Return a task whose training conditions are the regime's conditions."""
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
@@ -122,11 +122,14 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return a replacement for a start that was given up; a twin is not replaced."""
+        """Return a replacement for an abandoned start; twins are not replaced."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values that, in addition to its trials, identify a run; a run with other values is not resumed."""
+        """Return the values that identify a run in addition to its trials.
+
+        It can be resumed only with the same values.
+        """
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -179,7 +182,7 @@ class StartOutcome:
     """Outcomes of the attempts at one start.
 
     Attributes:
-        notes: One outcome per attempt, in order; the last attempt is accepted, or none is.
+        notes: One outcome per attempt, in order; only the last attempt can be accepted.
     """
 
     task: str
@@ -226,9 +229,9 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """Journal of a run's attempts. The last line about a start is valid.
+    """Journal of a run's attempts.
 
-    Raises the errors of :class:`VersionedJournal`.
+    The last line about a start is valid. Raises the same errors as :class:`VersionedJournal`.
     """
 
     form = "betterbench attempts journal"
@@ -275,14 +278,14 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect demonstrations of the expert in varied motion styles in a run folder. The same call resumes the run.
+    """Collect expert demonstrations in varied motion styles in a run folder. The same call resumes the run.
 
     Args:
         tasks: Names of the tasks.
         out: Run folder.
-        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
+        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
         first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts at one start, each in another motion style.
+        attempts: Maximum attempts per start, each in a different motion style.
         regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene get the same seeds and motion styles, so that the cause is the
             only difference.
@@ -322,7 +325,7 @@ def amplify(
         tasks: Task names; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts at one start, each with another leading source.
+        attempts: Maximum attempts per start, each with a different leading source.
         settings: Settings of the transfer.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
@@ -367,7 +370,7 @@ def _check_sources(run: RunFolder, task: Task) -> None:
 
 
 def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
-    """Return the hash of a demonstration set: over the names and bytes of its records (hex, 64 characters)."""
+    """Return the hash of a demonstration set over the names and bytes of its records (64 hex digits)."""
     chosen = None if tasks is None else set(tasks)
     done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
     lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
@@ -383,13 +386,13 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set in rounds, until no start lacks a demonstration."""
+    """Make a set in rounds, until every start has a demonstration or has been replaced."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
-        demonstrated(task, engine=engine_version())  # the training support is compared with it
+        demonstrated(task, engine=engine_version())  # the training support is checked against it
     versions = versions_in_use([task.id for task in chosen], robot=method.robot)
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
@@ -449,7 +452,7 @@ def _is_settled(start: Start, *, found: Mapping[TrialId, StartOutcome], journal:
 
 
 def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return plan and context of a run for ``run.json``."""
+    """Return the plan and context of a run for ``run.json``."""
     trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
     plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality, method.robot)
     policy = {"address": method.policy, "name": method.policy, "needs_images": False}
@@ -478,13 +481,16 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
-    """Yield the outcomes of starts as they arrive; starts that share a compiled scene follow each other."""
+    """Yield the outcomes of starts as they arrive; starts that share a compiled scene are processed consecutively."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
 
 def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
-    """Write the outcome of a start into both journals. After a kill between the two writes, the start is repeated."""
+    """Write the outcome of a start into both journals.
+
+    If the process is killed between the two writes, the start is repeated.
+    """
     outcome, trial = produced.outcome, produced.outcome.trial
     varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
     if not journal.is_done(trial):
@@ -545,7 +551,7 @@ def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
 
 
 def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
-    """Make one attempt at a start; the same number gives the same attempt."""
+    """Make one attempt at a start, which is determined by its number."""
     if method.policy == EXPERT:
         return collect_attempt(scene, number, twins=method.twins)
     library = _library(method.sources, method.sources_hash, method.source_tasks, scene.task.id)
@@ -557,7 +563,7 @@ def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Li
     """Return the sources of a task; raise RecordError if their hash has changed, for example by additions."""
     run = RunFolder.open(Path(sources))
     library = load_library(run, task)
-    if set_hash(run, tasks) != sha256:  # checked last, to detect additions during the loading
+    if set_hash(run, tasks) != sha256:  # checked last, to detect additions during loading
         raise RecordError(
             f"{sources}: its demonstrations have changed since the amplification began. When no process writes there "
             "any more, run the same command again with another folder."

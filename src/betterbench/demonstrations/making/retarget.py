@@ -1,9 +1,9 @@
-"""Transfer of a skill to another scene: the same motion in its object's frame or target region.
+"""Transfer of a skill to another scene: the same motion relative to its object or target region.
 
 A pick or a slide keeps its motion relative to the object, ``T_new(t) = T_object_new  T_object_source^-1
-T_target_source(t)``, with a shift in between for another instance of the category. A placement keeps the path of the
-object's base relative to the target region, because the object may be held differently. The poses are the commands to
-the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
+T_target_source(t)``, with an intermediate shift for a different instance of the category. A placement keeps the path of
+the object's base relative to the target region, because the object may be held differently. The poses are the commands
+to the controller, not the measured poses of the arm (Mandlekar et al., MimicGen, 2023).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CHECKED_EVERY_RAD = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedOver:
-    """A skill in another scene's frame.
+    """Skill transferred to another scene.
 
     Attributes:
         source: Name of the demonstration from which the skill comes.
@@ -49,7 +49,7 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step from which all poses up to the change stay within a given distance [m]."""
+        """Return the first step from which all poses up to the gripper change stay within a distance [m]."""
         there = self.targets[self.change].position
         step = self.change
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
@@ -57,7 +57,10 @@ class CarriedOver:
         return step
 
     def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
-        """Return the skill from a step on, at another speed up to its change; the gripper moves at its usual speed."""
+        """Return the skill from a step on, at another speed up to the gripper change.
+
+        The gripper moves at its usual speed.
+        """
         before = retimed(self.targets[begin : self.change + 1], faster)
         gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]
         return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
@@ -103,7 +106,7 @@ def carry_place(
     keep_tool: bool = False,
     foot: tuple[float, float, float] | None = None,
 ) -> CarriedOver | None:
-    """Return a window's placement transferred to this scene's grasped object and target.
+    """Return a placement transferred to the grasped object and the target in this scene.
 
     Args:
         skill: The placement.
@@ -139,7 +142,7 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the tool pose that puts an object's base at the position of the source's object.
+    """Return the tool pose that puts the object's base at the position of the source's object.
 
     Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object keeps its rotation in the gripper.
     """

@@ -1,4 +1,4 @@
-"""Source demonstrations: their skills, each in its object's frame or target region."""
+"""Source demonstrations: their skills, each relative to its object or target region."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from betterbench.tasks.relations.placing import foot_offset
 from betterbench.tasks.user_files import options_for
 
 SAME_GRASP_M = 0.04
-"""Maximum distance of a grasp from an annotated grasp to be identified with it [m]."""
+"""Maximum distance between a grasp and the annotated grasp with which it is identified [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance between a release and an expert goal for the two to be identified [m]."""
+"""Maximum distance between a release and the expert goal with which it is identified [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
 """Minimum distance between different goals [m], and maximum number of goals."""
 MOVING_M = 0.001
-"""Minimum motion of a control step that is not a pause [m]."""
+"""Motion per control step below which the tool pauses [m]."""
 ROTATION_M = 0.1
-"""Weight of rotation relative to translation in pose comparisons [m/rad]: the length of the gripper."""
+"""Weight of rotation relative to translation in pose comparisons [m/rad], equal to the length of the gripper."""
 
 SkillKey = tuple[str, str, str, str, str]
 """Key of a skill: its kind and the object kind; for a placement also the relation, target kind and region.
@@ -40,7 +40,7 @@ For a slide that opens its drawer, the relation is "out".
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceSkill:
-    """Skill of a source demonstration, with all values needed for its transfer.
+    """Skill of a source demonstration, with the values needed for its transfer.
 
     Attributes:
         key: Kinds of skill, object and target, see :data:`SkillKey`.
@@ -123,7 +123,7 @@ class Library:
         return tuple(s for s in self.sources if s.trial.condition == condition)
 
     def skills(self, key: SkillKey) -> tuple[SourceSkill, ...]:
-        """Return the skills of all sources with the same key."""
+        """Return the skills with a key from all sources."""
         return tuple(self._skills.get(key, ()))
 
 
@@ -161,7 +161,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record has another suite or task version and other object positions."""
+    """Raise RecordError if a record has another suite or task version, and therefore other object positions."""
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -176,7 +176,7 @@ def _require_version(record: Record, where: str) -> None:
 
 
 def demonstrated_source(record: Record) -> Source:
-    """Return the source of a successful record, with segments derived from its states instead of read from it."""
+    """Return a source demonstration from a successful record, with segments derived from its states."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
@@ -227,7 +227,7 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
 def _skill_of(
     record: Record, window: SkillWindow, asset: Asset, *, lead_in: tuple[Pose, ...] | None, tempo_mps: float
 ) -> SourceSkill:
-    """Return one window of a record with its targets and frames."""
+    """Return the skill in one window of a record, with its targets and frames."""
     first = max(1, window.start)
     rows = range(first, max(window.stop, window.change + 1))
     state, let_go = record.state(window.start), record.state(window.change - 1)
@@ -259,7 +259,7 @@ def _skill_of(
 
 
 def region_frame(state: WorldState, window: SkillWindow) -> Pose:
-    """Return the center pose of a placement's target region, ``T_world_region``."""
+    """Return the pose of the center of a placement's target region, ``T_world_region``."""
     middle = relation(window.relation).middle(state.info.object(window.target), window.region)
     return state.pose(window.target) @ Pose(middle)
 
@@ -308,10 +308,10 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 
 
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
-    """Return the shift ``T_object_object`` from a grasp of one asset to the same grasp of another asset.
+    """Return the shift ``T_object_object`` from a grasp on one asset to the same grasp on another.
 
-    The grasp is matched with the annotated grasps of its asset and replaced by the same grasp of the other asset. The
-    shift is the identity for the same asset, and if no annotated grasp is near.
+    The grasp is matched with an annotated grasp of its asset, and replaced by that grasp of the other asset. The shift
+    is the identity for the same asset, and if no annotated grasp is near.
     """
     if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):
         return Pose()

@@ -1,9 +1,9 @@
-"""Starts: seeds for a demonstration set, chosen to cover the training distribution evenly.
+"""Starts of demonstrations: seeds chosen to cover the training distribution evenly.
 
 A start is described by a few levels: the cell of the jitter region that contains each relevant object, the object's
 rotation, and the set of looks. Each start is the seed with the rarest levels so far, from a block of consecutive seeds.
-Blocks do not overlap and do not depend on the number of starts, so a larger set contains the smaller one. A seed that
-is given up is replaced by the most similar seed of another block.
+Blocks do not overlap and do not depend on the number of starts, so a larger set contains the smaller one. An abandoned
+seed is replaced by the most similar seed of another block.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Start:
     Attributes:
         condition: Name of the training condition.
         number: Number of the start within its condition, from 0.
-        round: Number of times that its seed was replaced.
+        round: How often its seed was replaced.
         seed: Its seed.
     """
 
@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors in a training condition's starts: slots of instructed objects, then of targets."""
+    """Return the random factors of starts in a training condition: slots of instructed objects, then of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -113,14 +113,14 @@ def _levels(task: Task, slots: Iterable[Slot], seed: int) -> dict[str, int]:
 
 
 def _level(share: float) -> int:
-    """Return the level of a draw from -1 to 1."""
+    """Return the level of a random draw in [-1, 1]."""
     return min(GRID - 1, max(0, int(0.5 * (share + 1.0) * GRID)))
 
 
 def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
-    """Return the starts of a task: one number for each training condition, or one number for all conditions.
+    """Return the starts of a task; the number is given per training condition, or once for all.
 
-    Raises InvalidInputError if a number or the seed is out of range; tests never share a seed with demonstrations.
+    Raises InvalidInputError if a number or the seed is out of range: demonstrations never use seeds of tests.
     """
     wanted = [numbers] * len(task.training) if isinstance(numbers, int) else list(numbers)
     require_between("--demos", min(wanted), 1, MOST_STARTS)
@@ -134,9 +134,10 @@ def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int)
 
 
 def shared_out(total: int, parts: int) -> tuple[int, ...]:
-    """Return the division of ``total`` demonstrations over ``parts`` conditions: at least one each, first ones more.
+    """Divide ``total`` demonstrations among ``parts`` conditions.
 
-    With a larger total no part gets fewer, so a larger set contains the smaller one.
+    Each gets at least one, and the first ones get the remainder. No part shrinks when the total grows, so a larger set
+    contains the smaller one.
     """
     return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
 
@@ -165,7 +166,7 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return the replacement of a planned start that was given up ``round_`` times (1 or more).
+    """Return the replacement of a planned start that was abandoned ``round_`` times (1 or more).
 
     Each replacement is similar to the planned start, not to the previous replacement. The number of rounds is limited.
     """
@@ -196,12 +197,12 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """Coverage of one factor's levels by some starts.
+    """Coverage of the levels of one factor by some starts.
 
     Attributes:
         counts: Starts per level.
         filled: Share of the levels with a start, relative to the largest number that the starts can fill.
-        evenness: Starts at the rarest level, against the mean over all levels.
+        evenness: Starts at the rarest level, divided by the mean over all levels.
     """
 
     factor: str
@@ -211,7 +212,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return the coverage of a training condition's factors by the starts from some seeds."""
+    """Return the coverage of a training condition's factors by starts with some seeds."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

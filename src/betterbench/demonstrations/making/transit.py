@@ -1,4 +1,4 @@
-"""Transfer of the transit to a skill: the same height, side, speed and pauses between other end points."""
+"""Transfer of a transit to other end points, keeping its height, side, speed and pauses."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from betterbench.demonstrations.making.sources import SourceSkill
 from betterbench.geometry import Pose, Vector, angle_between, distance, horizontal_distance, slerp, straight_way
 
 LEAST_WAY_M = 0.05
-"""Minimum horizontal length of a transit with a direction [m]."""
+"""Minimum horizontal length at which a transit has a direction [m]."""
 STRETCHED = (0.5, 2.0)
-"""Allowed factors by which a transit is shortened or stretched between its end points."""
+"""Minimum and maximum factor by which a transit may be stretched between its end points."""
 MOST_STEP_M, MOST_STEP_RAD = 0.03, 0.12
 """Largest motion and rotation per control step of a transferred transit: 0.6 m/s and 2.4 rad/s."""
 CHECK_RAD = 0.25
-"""Largest rotation between two poses that are checked [rad]."""
+"""Maximum rotation between neighboring poses checked for collisions [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """Difference between a transit and its source.
+    """Variation of a transit relative to its source.
 
     Attributes:
         aside_m: Displacement of its midpoint to the left, seen from above [m].
@@ -69,7 +69,7 @@ def carry_transit(
     aside = variation.aside_m / math.hypot(vx, vy) if math.hypot(vx, vy) >= LEAST_WAY_M else 0.0
     moved = []
     for (x, y, z), share in zip(turned, (length / shares[-1] for length in shares), strict=True):
-        # Zero at both end points, and without a corner there.
+        # zero at both end points, with zero slope
         most = math.sin(math.pi * share) ** 2
         point = (
             x + share * ox - most * aside * vy,
@@ -81,7 +81,7 @@ def carry_transit(
 
 
 def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None:
-    """Return the points of a transit rotated and stretched to the line from start to goal, or None if by too much."""
+    """Return the points of a transit, rotated and stretched to the line from start to goal; None beyond the limits."""
     (ax, ay, az), b = way[0].position, way[-1].position
     there, here = horizontal_distance((ax, ay), b), horizontal_distance(start.position, goal.position)
     cos, sin, ux, uy, stretch = 1.0, 0.0, 1.0, 0.0, 1.0
@@ -132,7 +132,7 @@ def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
 
 
 def checkpoints(way: Sequence[Pose], step_m: float) -> list[Pose]:
-    """Return poses along a transit, dense enough for a collision check every ``step_m`` meters."""
+    """Return poses along a transit, at most ``step_m`` meters apart, for a collision check."""
     found = [way[0]]
     for pose, after in itertools.pairwise(way[1:]):
         far = distance(after.position, found[-1].position) > step_m

@@ -1,4 +1,4 @@
-"""Variety: differences between a set's demonstrations in corresponding motions.
+"""Variety: differences between corresponding motions of the demonstrations in a set.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
 objects is removed first, so that ten copies of one path with ten starts have no variety: paths are compared by their
@@ -27,7 +27,7 @@ from betterbench.tasks.interventions import resolve_condition
 SAMPLES = 40
 """Number of path points that are compared, at equal fractions of the path length."""
 APPROACH_M = 0.05
-"""Length of the last stretch of a path, whose direction is the approach direction [m]."""
+"""Length of the final part of a path, whose direction is the approach direction [m]."""
 MOST_COMPARED = 200
 """Maximum number of demonstrations per condition that are compared, in seed order."""
 
@@ -73,12 +73,12 @@ SPREADS: Mapping[str, str] = {
     "grasp_cm": "grasp [cm]",
     "grasp_deg": "turn [°]",
 }
-"""Heading of each number of a spread, by field name."""
+"""Column heading of each measure of a spread, by field name."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Differences between a condition's demonstrations in one motion: to a grasp, or from a grasp to its end.
+    """Differences between demonstrations of a condition in one motion: to a grasp, or from a grasp to its end.
 
     Attributes:
         condition: Condition name.
@@ -117,9 +117,9 @@ class _Motion:
         off: (SAMPLES, 3) offset of the path from the straight line between its anchors [m].
         height_m: Greatest height of the tool [m].
         side_m: Mean offset of the path's middle half to the left of that line, seen from above [m].
-        approach: Unit vector of the last stretch, in its object's frame or region.
+        approach: Unit vector of the final approach, in the frame of its object or region.
         duration_s: Duration of the motion [s].
-        grasp: Tool in the object's frame when the gripper closes; None if it opens.
+        grasp: Tool pose in the object's frame when the gripper closes; None if it opens.
     """
 
     off: npt.NDArray[np.float64]
@@ -131,7 +131,7 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Measures the differences between a set's demonstrations, record by record."""
+    """Accumulator for the differences between the demonstrations of a set, one record at a time."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
@@ -194,7 +194,7 @@ def mean_spread(spreads: Sequence[Spread]) -> Spread:
 
 
 def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
-    """Return the lines about variety: a table of the demonstrations, with each task below its sources."""
+    """Return the text lines about variety: a table in which each task follows its sources."""
     if not variety:
         return ["## Variety", "", "No condition has two demonstrations that could be compared."]
     cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
@@ -202,7 +202,7 @@ def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]
 
 
 def variety_rows(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[tuple[str, ...]]:
-    """Return a row per task and set: task, "sources" or "set", and the numbers of its spread."""
+    """Return a row per task and set: task, "sources" or "set", and the measures of its spread."""
     of_sources = {t.task: t for t in sources}
     rows: list[tuple[str, ...]] = []
     for t in variety:
@@ -218,7 +218,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
 
 
 def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
-    """Return a demonstration's motions by subgoal and skill. Of a repeated motion, the last one counts."""
+    """Return the motions of a demonstration by subgoal and skill; only the last of repeated motions is kept."""
     meta = record.metadata
     condition = resolve_condition(meta.task, meta.condition).condition
     segments = subgoal_segments(record, condition)
@@ -227,7 +227,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
     for segment in segments:
         for window in segment.skills:
             if window.kind == "miss":
-                continue  # part of the transit to the following grasp
+                continue  # part of the transit to the next grasp
             goal = _goal_of(record, window)
             if segment.subgoal and window.change - begin > 1:
                 found[segment.subgoal, window.kind] = _motion(record, window, begin, start, goal)
@@ -237,7 +237,7 @@ def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
 
 
 def _goal_of(record: Record, window: SkillWindow) -> Pose:
-    """Return the frame at the end of a motion: the object's, or the target region's."""
+    """Return the reference frame at the end of a motion: that of the object or the target region."""
     state = record.state(window.change - 1)
     if window.kind == "place" and window.target:
         return region_frame(state, window)

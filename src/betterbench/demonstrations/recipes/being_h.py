@@ -1,4 +1,4 @@
-"""Being-H0.5: a data configuration for our layout, sequence packing to the required batch, and its own trainer.
+"""Recipe for Being-H0.5 and its own trainer: data configuration and sequence packing to the batch size.
 
 Fields: BeingBeyond/Being-H@594219ea, ``BeingH/train/train.py`` (arguments), ``scripts/train/train_libero_example.sh``
 (values), ``configs/data_config.py`` and ``configs/dataset_info.py`` (registries).
@@ -43,7 +43,7 @@ _TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are a
 
 
 def being_h_setup(training: Training) -> TrainerSetup:
-    """Return the setup of Being-H; raise InvalidInputError if the recipe does not fit it."""
+    """Return the setup of Being-H; raise InvalidInputError if it cannot follow the recipe."""
     recipe = training.recipe
     if recipe.form.proprioception is False:
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""GR00T N1.6: a modality configuration, a copy of the checkpoint that really freezes its backbone, and the launcher.
+"""Recipe for GR00T N1.6: modality configuration, a checkpoint copy with a truly frozen backbone, and the launcher.
 
 Fields: NVIDIA/Isaac-GR00T@15ce93d2 (N1.6), ``gr00t/configs/finetune_config.py`` and
 ``gr00t/experiment/launch_finetune.py``. The project's license there is for research and evaluation only.
@@ -36,7 +36,7 @@ _JITTER = {"brightness": 0.3, "contrast": 0.4, "saturation": 0.5, "hue": 0.08}
 
 
 def gr00t_setup(training: Training) -> TrainerSetup:
-    """Return the setup of GR00T; raise InvalidInputError if the recipe does not fit it."""
+    """Return the setup of GR00T; raise InvalidInputError if it cannot follow the recipe."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     if recipe.form.proprioception is False:
@@ -132,7 +132,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
 
 
 def _flags(settings: tuple[Setting, ...]) -> list[tuple[str, str]]:
-    """Return the flags of the launcher, as tyro reads them."""
+    """Return the launcher's flags in tyro's syntax."""
     found = []
     for setting in settings:
         if not setting.name.startswith("--"):

@@ -1,4 +1,4 @@
-"""LeRobot: a ``train_config.json`` for its own ``TrainPipelineConfig``, for several types of policies.
+"""Recipe for LeRobot: a ``train_config.json`` for its ``TrainPipelineConfig``, for several policy types.
 
 Fields: huggingface/lerobot 0.4.4 and 0.6.1, ``configs/train.py``, ``configs/default.py`` and
 ``policies/*/configuration_*.py``. Only fields that both releases have are written, except for policies that came later.
@@ -29,7 +29,8 @@ _POLICIES: Mapping[str, Mapping[str, Any]] = {
 }
 _WEIGHTS = {"smolvla": "lerobot/smolvla_base", "pi0": "lerobot/pi0_base", "pi05": "lerobot/pi05_base"}
 _DOWNSAMPLED = 8
-"""Divisor of diffusion's horizon: 2 to the number of its down_dims (configuration_diffusion.py)."""
+"""Required divisor of the diffusion policy's horizon: 2 to the power of the number of down_dims
+(configuration_diffusion.py)."""
 _WITHOUT_LANGUAGE = ("act", "diffusion")
 
 

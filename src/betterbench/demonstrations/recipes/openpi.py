@@ -1,4 +1,4 @@
-"""openpi (pi0.5): one Python file that registers a ``TrainConfig`` and starts openpi's own scripts.
+"""Recipe for openpi (pi0.5): one Python file that registers a ``TrainConfig`` and starts openpi's own scripts.
 
 Fields: Physical-Intelligence/openpi@15a9616a, ``src/openpi/training/config.py`` (``TrainConfig``, ``pi05_libero``) and
 ``src/openpi/models/pi0_config.py`` (``get_freeze_filter``).
@@ -40,7 +40,7 @@ _FREEZE["vision", "language"] = f"nnx.Any({_FREEZE['vision',]}, {_FREEZE['langua
 
 
 def openpi_setup(training: Training) -> TrainerSetup:
-    """Return the setup of openpi; raise InvalidInputError if the recipe does not fit it."""
+    """Return the setup of openpi; raise InvalidInputError if it cannot follow the recipe."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
     name = f"{recipe.name}_pi05"

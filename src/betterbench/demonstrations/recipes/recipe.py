@@ -1,4 +1,4 @@
-"""Fine-tuning recipe: the values that the paper prescribes for all frameworks, and the source of each value."""
+"""Fine-tuning recipe: the values prescribed by the paper for all frameworks, each with its source."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Resolved recipe: every value is set, or left to the framework (None).
+    """Resolved recipe, in which every value is set or left to the framework (None).
 
     Attributes:
-        name: Part of the configuration and folder names.
+        name: Name of the recipe, used in the names of configurations and folders.
         form: Content of the user's file.
-        fixed: Values prescribed by the paper, with their place in it: ``steps``, ``batch``.
-        frozen: Frozen parts of the backbone by framework, with their place in the paper.
+        fixed: Values prescribed by the paper (``steps``, ``batch``), with their location in it.
+        frozen: Frozen parts of the backbone by framework, with their location in the paper.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Recipe:
 
     @property
     def batch(self) -> int:
-        """Samples of one step on all GPUs together."""
+        """Total batch size per step over all GPUs."""
         return self.form.batch or self.fixed["batch"][0]
 
     @property
@@ -108,12 +108,12 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field with the recipe file's value, or else another value with its origin."""
+    """Return a field with the value in the recipe file, or else a default value with its origin."""
     return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
 
 
 def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
-    """Return a recipe: one of the paper's by name, or one from a file's fields.
+    """Return a recipe of the paper by name, or a recipe from the fields of a file.
 
     Args:
         form: ``better``, ``libero`` or ``calvin``, or a map of fields.

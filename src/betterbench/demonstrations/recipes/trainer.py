@@ -1,4 +1,4 @@
-"""Setup of a framework for a recipe: its files, its fields with their sources, and the remaining manual checks."""
+"""Setup of a framework for a recipe: files, configuration fields with their sources, and remaining manual checks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class TrainingData:
     Attributes:
         place: Folder, or the name of a data set on the Hugging Face hub.
         preset: Export layout of betterbench; empty for other data.
-        frames: Number of its frames, if it is here.
+        frames: Number of frames, if the data set is on this machine.
         quality: Render quality of the data set's images.
         still: Nearly constant components, which normalization amplifies.
     """
@@ -86,7 +86,7 @@ class Training:
 
     @property
     def batch_of_gpu(self) -> int:
-        """Samples of one GPU in one step; raises InvalidInputError if the batch is not divisible by the GPUs."""
+        """Batch size per GPU; raises InvalidInputError if the batch is not divisible by the number of GPUs."""
         batch = self.recipe.batch
         if batch % self.gpus:
             divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
@@ -95,7 +95,7 @@ class Training:
 
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
-"""Data set names that are valid for every trainer, in a path, in a command and in YAML."""
+"""Pattern of data set names that are valid for every trainer, in paths, in commands and in YAML."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Return the description of a data set from the files that are present.
+    """Return the description of a data set, as far as its files are present.
 
     Args:
         place: Its folder; for other benchmarks also a name on the hub.
@@ -252,12 +252,12 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
 
 
 def own_file(file: str) -> ShellText:
-    """Return a file in the recipe's own folder as a shell word."""
+    """Return a file in the recipe folder as a shell word."""
     return ShellText(f'"$HERE/{file}"')
 
 
 def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
-    """Return a command line with one flag a line."""
+    """Return a command with one flag per line."""
     return " \\\n  ".join([command, *(f"{name} {value}".rstrip() for name, value in flags)])
 
 
@@ -268,7 +268,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Return the number of times that each frame is used in training, if the number of frames is known."""
+    """Return how often each frame is used in training, if the number of frames is known."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

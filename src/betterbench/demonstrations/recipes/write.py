@@ -1,4 +1,4 @@
-"""A recipe as a folder: files for the framework, commands in order, and a page with each field's source."""
+"""Recipe folder: files for the framework, commands in order, and a page with the source of each field."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False)
 
 
 def _is_recipe(out: Path) -> bool:
-    """Tell whether a folder contains a recipe's fields."""
+    """Return whether a folder contains a recipe's fields."""
     try:
         form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
     except InvalidInputError:

@@ -34,10 +34,10 @@ from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
-"""Folders within a dataset: the expert's demonstrations for amplification, and the set itself."""
+"""Folders in a dataset: the expert demonstrations for amplification, and the set itself."""
 
 OnStage = Callable[[str, int, int, str], None]
-"""Called with the name of a stage, its progress, its total, and a note."""
+"""Callback that gets the name of a stage, its progress, its total, and a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make a recipe's training set in a folder; the same call resumes it and gives the same bytes.
+    """Make the training set of a recipe in a folder; the same call resumes it and produces the same bytes.
 
     Args:
         recipe: Set recipe.
@@ -136,7 +136,7 @@ def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures
 
 
 def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -> RunFolder:
-    """Return the run with the demonstrations, made or resumed."""
+    """Make or resume the run with the demonstrations, and return it."""
 
     def told(stage: str) -> Callable[[SetProgress], None]:
         def on_progress(progress: SetProgress) -> None:
@@ -171,7 +171,7 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Return numbers, facts and variety of all records, after checking that each shows only the regime."""
+    """Return the counts, facts and variety of all records, after checking that each shows only the regime."""
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):

@@ -1,4 +1,4 @@
-"""The card of a training set: README.md with counts, lengths, ranges, pictures, shortcuts and the command."""
+"""Dataset card of a training set: README.md with counts, lengths, ranges, pictures, shortcuts and the command."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ABOUT_REGIME = {
 
 @dataclass(frozen=True, slots=True)
 class CardFacts:
-    """Content of a card, in addition to the recipe.
+    """Content of a dataset card, in addition to the recipe.
 
     Attributes:
         sheets: Picture file for each task, relative to the card, or the reason why it is missing.

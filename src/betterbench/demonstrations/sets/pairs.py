@@ -1,4 +1,4 @@
-"""Twins (the same start with different instructions) among a run's demonstrations, found by bitwise comparison."""
+"""Twins among the demonstrations of a run: the same start with different instructions, found by bitwise comparison."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _pairs_of(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TwinPair]:
 
 
 def shared_rows(first: Record, second: Record) -> int:
-    """Return the number of leading rows that are equal in two records: state, command and action."""
+    """Return the number of leading rows in which two records have equal states, commands and actions."""
     rows = min(len(first), len(second))
     same = np.ones(rows, dtype=bool)
     for name in ("qpos", "qvel", "ctrl", "action"):

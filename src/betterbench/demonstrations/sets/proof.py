@@ -1,4 +1,4 @@
-"""Check, from a record's data alone, that the record demonstrates a regime and nothing outside it."""
+"""Check, from a record alone, that it demonstrates a regime and nothing outside it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class RegimeBounds:
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return the task conditions that a regime's set may show, and the tests that it must not show."""
+        """Return the conditions that a set of a regime may show, and the tests that it must not show."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")

@@ -1,4 +1,4 @@
-"""Recipes for training sets: all values that determine a set's bytes, and the command that reproduces it."""
+"""Recipes for training sets: all values that determine the bytes of a set, and the command that reproduces it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SetRecipe:
     Attributes:
         tasks: Names of the tasks.
         regime: Regime whose conditions are demonstrated.
-        demos: Demonstrations per training condition; another regime divides the same total over its conditions.
+        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
         sources: Number of expert demonstrations from which the others are amplified; 0 if the expert makes all of them.
         seed: First seed of the expert's demonstrations; the first seed of the amplified demonstrations follows from it.
         noise: Standard deviation of the noise on executed actions in amplified demonstrations, in action units.
@@ -90,7 +90,7 @@ _FORM = TypeAdapter(SetRecipe)
 
 
 def holds_recipe(out: Path) -> bool:
-    """Tell whether a folder contains a dataset's recipe."""
+    """Return whether a folder contains a dataset's recipe."""
     try:
         read_recipe(out)
     except RecordError:
@@ -99,14 +99,14 @@ def holds_recipe(out: Path) -> bool:
 
 
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into its dataset's folder after :func:`require_recipe`, and raise the errors of this check."""
+    """Write a recipe into its dataset folder, after the checks of :func:`require_recipe`, whose errors it raises."""
     require_recipe(recipe, out)
     text = json.dumps(asdict(recipe), indent=1) + "\n"
     write_durably(out / "recipe.json", text.encode())
 
 
 def require_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Reject a folder with other files, or with a dataset for another recipe (fewer ``demos`` are allowed).
+    """Reject a folder with other files, or with the dataset of another recipe (which may have fewer ``demos``).
 
     Raises:
         RunConflictError: If the folder contains the dataset of another recipe.

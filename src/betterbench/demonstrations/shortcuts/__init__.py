@@ -1,4 +1,4 @@
-"""The shortcut audit: associations in demonstrations, and the variations that a learner of them would fail.
+"""Shortcut audit: associations in demonstrations, and the variations that a learner relying on them would fail.
 
 - ``facts``, ``questions``, ``association``, ``words``, ``instructions``, ``pairs``: the tested variables and their
   associations.

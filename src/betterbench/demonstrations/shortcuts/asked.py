@@ -1,4 +1,4 @@
-"""Tested and untested questions of an audit, with the reason why a question was not tested."""
+"""Tested and untested questions of an audit, with the reason for each untested one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class AskedQuestion:
 
     Attributes:
         question: Question name.
-        title: The question in words.
+        title: Text of the question.
         n: Number of demonstrations, or observations in them, that the question compares.
         compared: Features that the test compares with the outcome, such as "8 words"; "" for a single test.
         untested: Reason why it could not be tested, "" if it was tested.

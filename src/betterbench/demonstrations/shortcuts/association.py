@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 PERMUTATIONS = 9999
-"""Permutations of a test: the smallest p-value is 1 / 10,000, which allows a correction for a hundred tests."""
+"""Number of permutations per test. The smallest p-value is 1 / 10,000, which leaves room to correct for a hundred
+tests."""
 _CHUNK = 2_000_000
 """Maximum number of values that are permuted at once."""
 
@@ -131,7 +132,7 @@ def permutation_test(
 
 
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
-    """Return rows of values that are shuffled inside each block, shape (rows, n)."""
+    """Return rows of values shuffled within each block, shape (rows, n)."""
     keys = draw.random((rows, len(x))) + block  # sorting by these keys shuffles within each block
     mixed = np.empty((rows, len(x)), dtype=np.int64)
     mixed[:, np.argsort(block, kind="stable")] = x[np.argsort(keys, axis=1)]

@@ -1,4 +1,4 @@
-"""Shortcut audit: associations in a dataset beyond chance, and the variations that break them."""
+"""Shortcut audit: associations in a dataset that exceed chance, and the variations that break them."""
 
 from __future__ import annotations
 
@@ -70,20 +70,20 @@ ALPHA = 0.05
 In sets of betterbench, whose states are known, the questions about pairs of words and whole instructions are corrected
 separately from all others."""
 STRONG = 0.5
-"""Strength from which a finding is reported: one variable determines half of the uncertainty of the other.
+"""Minimum strength of a reported finding: one variable resolves half of the uncertainty of the other.
 
 A weaker finding is reported if one value alone, such as a single word, always occurs with the same other value, or if
 two words or a whole instruction determine half of the uncertainty that their single words leave.
 """
 RARE = 0.05
-"""Share below which a value is treated as not shown by the data."""
+"""Share below which a value counts as absent from the data."""
 FEWEST = 8
-"""Minimum number of demonstrations of a group for an audit."""
+"""Minimum number of demonstrations in an audited group."""
 NEARLY_ALWAYS = 0.9
-"""Share of an outcome's uncertainty that a word must resolve where it occurs to be a certain sign."""
+"""Share of an outcome's uncertainty that the presence of a word must resolve for the word to be a certain sign."""
 MOST_LINES = 8
 MOST_WORDS = 1000
-"""Maximum number of words per group that are tested: the words that distinguish the most episodes."""
+"""Maximum number of tested words per group; the words that distinguish the most episodes are chosen."""
 MOST_PAIRS = 20
 _NAMED = "the words name the objects; the whole instruction is compared among those that name them in the same order"
 _MOST_SHOWN = 80
@@ -98,7 +98,7 @@ chance and :data:`STRONG`.
 """
 
 Rules = Mapping[str, Counter[str]]
-"""Counts of each second value, by first value."""
+"""Counts of second values, by first value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,12 +232,12 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """A finding before the correction for multiple tests.
+    """Finding before the correction for multiple tests.
 
     Attributes:
         finding: The finding, with the uncorrected p-value.
         rules: Counts of the finding.
-        certain: Whether one of the rules always holds, or nearly always.
+        certain: Whether one of the rules holds always or nearly always.
         parts: For a question about words, its word or its two words.
         columns: Indices of these words.
     """
@@ -255,7 +255,7 @@ class _Group:
 
     Attributes:
         pairs: Questions about pairs of words.
-        planted: Data with planted rules, for each question with a permutation test.
+        planted: Data with a planted rule, for each question with a permutation test.
         asked: Tested and untested questions.
     """
 
@@ -332,7 +332,7 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Instruction words; words that always occur together are one entry.
+    """Words of the instructions; words that always occur together form one entry.
 
     Attributes:
         words: The single words of each entry.
@@ -346,7 +346,7 @@ class _Said:
 
 
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
-    """Return the words that occur in only some demonstrations. A note is added if words are left out."""
+    """Return the words that occur in some demonstrations but not in all. A note is added if words are left out."""
     texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
     of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
     sizes = np.bincount(of_text, minlength=len(texts))
@@ -392,7 +392,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
     if outcome.is_place or not _picking_words(known):
         raw += _answers_about_single_words(group, outcome, said, outcomes)
         raw += _answers_about_pairs(group, outcome, said, outcomes)
-    else:  # words for objects mean these objects: only the other words can be shortcuts
+    else:  # object words refer to these objects, so only the other words can be shortcuts
         for level in (WORDS, PAIRS):
             question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
             group.asked.append(question)
@@ -402,7 +402,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return each word's finding on an outcome. Words that always occur together are treated as one word."""
+    """Return the finding for each word and an outcome. Words that always occur together are treated as one word."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
         reason = "no word occurs in some demonstrations and not in others"
@@ -503,10 +503,10 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """Return for each instruction the part of its meaning that determines an outcome.
+    """Return the part of each instruction's meaning that determines an outcome.
 
-    Words for places mean places, unless a variation shows otherwise. Words that identify objects, in their order in the
-    instruction, mean the order of the objects.
+    Place words refer to places, unless a variation shows otherwise. The sequence of object words in an instruction
+    gives the order of the objects.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -530,14 +530,14 @@ def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: 
 
 
 def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
-    """Tell whether the counts remove at least :data:`NEARLY_ALWAYS` of an outcome's uncertainty."""
+    """Return whether the counts resolve at least :data:`NEARLY_ALWAYS` of an outcome's uncertainty."""
     (value, count), n = seen.most_common(1)[0], sum(seen.values())
     usual = every[value] / sum(every.values())
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
 
 
 def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Tell in which tables a word is a sure sign, as defined by :func:`_nearly_always`.
+    """Return in which tables a word is a certain sign, as defined by :func:`_nearly_always`.
 
     Args:
         joint: (tables, 2, outcomes) the outcomes without and with the word.
@@ -567,7 +567,7 @@ equally frequent places, in steps of :data:`~betterbench.demonstrations.shortcut
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
-    """Return each question's smallest rule that would have been found, corrected for the tests in its family."""
+    """Return the smallest rule per question that would have been found, corrected for its family of tests."""
     rules = []
     for asked in group.planted:
         units = int(asked.planted.block.max()) + 1
@@ -588,7 +588,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
     """Return the smallest share of demonstrations that two equally frequent words must decide together to be found."""
     if asked.n // 4 < FEWEST:
         return None
-    # With two equally frequent words, the rule is tested in the half with the first one: with and without the second.
+    # With two equally frequent words, the rule is tested on the half with the first word, with and without the second.
     corrected = tests * max(1, asked.pairs) * asked.outcomes
     followed = least_share(asked.n // 2, corrected, ALPHA)
     # Chance decides one of two equally frequent outcomes: if a rule decides a share s, (1 + s) / 2 follow it.
@@ -596,7 +596,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return findings on constants: the slot of a landmark, the number of objects, or the first slot overall."""
+    """Return findings about constants: the slot of a landmark, the number of objects, or the first slot overall."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -670,9 +670,9 @@ def _family(group: _Group, question: str) -> str:
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Return the findings without those about a character run that is part of a clearer run.
+    """Return the findings except those about a character run that overlaps a clearer one.
 
-    In a script without spaces, part of a word, or a run that contains a word, carries part of the word's information.
+    In a script without spaces, parts of a word, and runs that contain it, carry part of the word's information.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -693,7 +693,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Tell whether each word of ``those`` overlaps with another word of ``these``, and at least one by characters."""
+    """Return whether each word of ``those`` overlaps with another word of ``these``, and at least one by characters."""
     if len(those) > len(these):
         return False
     return any(
@@ -712,7 +712,7 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Return whether a finding is significant, and strong or a certain sign."""
+    """Return whether a finding is significant and also strong or a certain sign."""
     if p_value is not None and p_value > ALPHA:
         return False
     always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
@@ -733,7 +733,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Return the word, of two words associated with a place, that occurs in the place name, such as "upper"."""
+    """Return which of two words associated with a place occurs in the place name, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]
@@ -753,14 +753,14 @@ def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> s
 
 
 def _certain(rules: Rules) -> bool:
-    """Tell whether, given several values, some value always occurs with the same other value."""
+    """Return whether, among several first values, one always occurs with the same second value."""
     if len({y for ys in rules.values() for y in ys}) < 2:
         return False
     return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return the observation from a test that breaks a rule, in words, or "" if the test keeps the rule."""
+    """Describe the observation in a test that breaks a rule, or return "" if the test keeps the rule."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

@@ -1,7 +1,7 @@
-"""Each demonstration's facts for the audit: instruction, objects moved with origin and target, and initial layout.
+"""Facts about a demonstration for the audit: instruction, moved objects with origin and target, and initial layout.
 
-Facts of records come from their states, facts of a condition from its specification, and facts of an external dataset
-from actions, instruction and proprioception. In external datasets, objects have no names, and places are named by their
+They are derived from the states of a record, from the specification of a condition, or from the actions, instruction
+and proprioception of an external dataset. In external datasets, objects have no names, and places are named by their
 positions.
 """
 
@@ -27,7 +27,7 @@ HANDLED_ROLES = ("item", "distractor")
 """Roles of loose objects on the table; all other objects are landmarks."""
 
 SET_OUT_M = 0.05
-"""Length of the tool's path after which its first direction is determined [m]."""
+"""Path length of the tool after which its first direction is determined [m]."""
 HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
 """Directions seen from the robot, counterclockwise from above: x points away from it, y to its left."""
 
@@ -35,7 +35,7 @@ HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """One manipulation: the object, its origin and its target; a drawer has no origin.
+    """One manipulation with its object, origin and target; a drawer has no origin.
 
     Attributes:
         thing: Kind of the object, "" if unknown.
@@ -61,7 +61,7 @@ class EpisodeFacts:
         instruction: Its instruction.
         steps: Manipulations, in order of time.
         standing: Kind and slot of every loose object on the table at the start.
-        landmarks: Kind and slot of every object in a slot that cannot be picked.
+        landmarks: Kind and slot of every object that cannot be picked.
         heading: First direction of the gripper, "" if unknown.
     """
 
@@ -92,7 +92,7 @@ _FACTS = TypeAdapter(EpisodeFacts)
 
 
 def read_facts(form: object, where: str) -> EpisodeFacts:
-    """Return the facts of a JSON form; raise RecordError if it is invalid."""
+    """Parse facts from JSON; raise RecordError if they are invalid."""
     return read_form(_FACTS, form, where=where, cure="Delete the file to derive it again", raises=RecordError)
 
 
@@ -116,7 +116,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
     """Return the facts of a correct episode in a condition.
 
-    If a word can mean several objects, the first one is used.
+    If a word can refer to several objects, the first one is used.
     """
     steps = []
     taken: set[str] = set()

@@ -1,4 +1,4 @@
-"""Closings and openings of a gripper, and the end of its range that means closed."""
+"""Detection of gripper closings and openings, and of the end of the range that means closed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from betterbench.demonstrations.shortcuts.numbers import tokens
 from betterbench.errors import InvalidInputError
 
 SHORTEST_S = 0.3
-"""Minimum time for which a gripper is closed or open [s]: shorter commands of teleoperators are not grasps."""
+"""Minimum duration of a closed or open phase [s]; shorter commands of teleoperators are not grasps."""
 AGREEING = 0.9
-"""Fraction of episodes that must begin on one side for that side to mean open."""
+"""Fraction of episodes that must begin at one end of the range for that end to mean open."""
 WIDTH_M = (0.005, 0.15)
 """Range of gripper openings that count as a width in meters [m]."""
 IDLE_SHARE = 0.1
@@ -24,7 +24,7 @@ IDLE_SHARE = 0.1
 arm.
 """
 _BETWEEN = 0.1
-"""Fraction of frames in the middle third of a range below which a gripper is in two positions, not at rest."""
+"""Fraction of frames in the middle third of a range below which a gripper switches between two positions."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -36,12 +36,12 @@ class Jaws:
     """Range, threshold and polarity of a gripper's values.
 
     Attributes:
-        low: Least value, without the lowest 1 %.
+        low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         between: Value between open and closed.
         closed: ``low`` or ``high``.
         because: Reason for this polarity.
-        warning: Evidence against it, "" if there is none.
+        warning: Evidence against this polarity, or "".
     """
 
     low: float
@@ -171,14 +171,14 @@ def _cure(side: str) -> str:
 
 
 def _width(low: float, high: float) -> tuple[str, str] | None:
-    """Return that ``low`` is closed if values are openings in meters, or None."""
+    """Return "low" as the closed end if the values are openings in meters, or None."""
     least, most = WIDTH_M
     ok = high <= most and low >= -0.01 and high - low >= least
     return ("low", "the numbers are a width in meters") if ok else None
 
 
 def _is_percent(grip: Grip, low: float, high: float) -> bool:
-    """Tell whether values are LeRobot's ``gripper.pos``, in percent of the calibrated range."""
+    """Return whether values are LeRobot's ``gripper.pos``, in percent of the calibrated range."""
     return tokens(grip.number.name)[-2:] == ["gripper", "pos"] and low >= -1.0 and 2.0 < high <= 101.0
 
 
@@ -198,7 +198,7 @@ def _between(values: _Floats, low: float, high: float) -> float:
 
 
 def held(values: _Floats) -> _Floats:
-    """Return commands (T,) with each 0 replaced by the previous command, if the only values are -1, 0 and 1."""
+    """Return commands (T,) in which 0 repeats the previous command, if the only values are -1, 0 and 1."""
     if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
         return np.array(values)
     last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))
@@ -207,9 +207,9 @@ def held(values: _Floats) -> _Floats:
 
 
 def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
-    """Return the rows (T,) with a closed gripper; phases shorter than ``shortest`` rows are ignored.
+    """Return the rows (T,) with a closed gripper.
 
-    Phases at the beginning and the end of an episode are never too short.
+    Phases shorter than ``shortest`` rows are ignored, except at the beginning and the end of an episode.
     """
     closed = (values < jaws.between) if jaws.closed == "low" else (values > jaws.between)
     for begin, end in runs(closed.astype(np.int64)):

@@ -1,4 +1,4 @@
-"""Complete instructions as categories: information about an outcome beyond single words and word pairs.
+"""Test of complete instructions: their information about an outcome beyond single words and word pairs.
 
 Three or more words may determine an outcome together, or two words in too few demonstrations to test the pair. A test
 of the complete instruction covers both. If words or pairs already determine an outcome, demonstrations are compared
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from betterbench.demonstrations.shortcuts.association import Association, PermutationTest, codes_of, permutation_test
 
 FEWEST_SAID = 2
-"""Minimum number of demonstrations with one instruction: an instruction that occurs once has no information."""
+"""Minimum number of demonstrations per instruction; an instruction that occurs once carries no information."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instructions, actions and proprioception.
 
-These datasets have no simulator state, so objects have no names, and a place is a point where a gripper closes or
+These datasets have no simulator state: objects have no names, and a place is a point at which a gripper closes or
 opens. The instruction, gripper and place columns are recognized by name; betterbench rejects a dataset with ambiguous
 names. :class:`DataReading` lists the chosen columns.
 """
@@ -43,7 +43,7 @@ from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 
 MOST_NUMBER = 1e6
-"""Largest accepted value of a state or an action.
+"""Largest accepted absolute value in a state or action.
 
 Meters, radians and degrees are far smaller, as are millimeters and encoder ticks (4,096 to 65,536 per turn).
 """
@@ -69,13 +69,13 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Columns and conventions of a data set given by the user. Other columns are recognized by name.
+    """Columns and conventions of a data set that the user specified; the others are recognized by name.
 
     Attributes:
         instruction: Column with the instruction, in the frames or in the tasks file.
         grippers: Gripper components, one per arm.
         places: Position components, the same number for each gripper.
-        closed: End of the range at which the grippers are closed.
+        closed: End of the range that means closed.
         seed: Seed of the sample from more than :data:`MOST_EPISODES` episodes.
     """
 
@@ -95,7 +95,7 @@ class LeRobotFacts:
 
 
 def is_lerobot_dataset(path: Path) -> bool:
-    """Tell whether a folder looks like a LeRobot dataset."""
+    """Return whether a folder looks like a LeRobot dataset."""
     return (path / "meta" / "info.json").is_file()
 
 
@@ -107,7 +107,7 @@ def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     """Return the facts of each episode of a LeRobot dataset, or of each segment if the instruction changes.
 
-    With two arms there is a group of facts for each arm, and one about which arm closes its gripper first.
+    With two arms, there is one group of facts per arm, and one about the arm that closes its gripper first.
 
     Args:
         path: Folder of the data set.
@@ -164,7 +164,7 @@ def _modality(path: Path) -> Mapping[str, Any]:
 
 
 def _says_steps(path: Path) -> bool:
-    """Tell whether ``meta/betterbench.json`` declares that the actions are steps of the tool."""
+    """Return whether ``meta/betterbench.json`` declares the actions to be tool displacements."""
     file = path / "meta" / "betterbench.json"
     if not file.is_file() or is_pointer(file):
         return False
@@ -250,7 +250,7 @@ class _Said:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """An episode: its rows by file in frame order, and its segments (rows from its start, instruction)."""
+    """Episode with its rows by file in frame order, and its segments (row range and instruction)."""
 
     index: int
     parts: tuple[EpisodePart, ...]
@@ -335,7 +335,7 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
 
 
 def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
-    """Return the segments with an instruction and at least two frames, from run lengths and text codes."""
+    """Return the segments that have an instruction and at least two frames, from run lengths and text codes."""
     found, at = [], 0
     for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
         size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
@@ -346,7 +346,7 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
-    """Return at most :data:`MOST_EPISODES` episodes, drawn at random; each instruction keeps its proportion."""
+    """Return a random sample of at most :data:`MOST_EPISODES` episodes, stratified by instruction."""
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
     by_text: dict[str, list[_Stretch]] = {}
@@ -368,7 +368,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """An episode's values by arm: gripper (T,), and place (T, d)."""
+    """Values of an episode by arm: gripper (T,) and place (T, d)."""
 
     stretch: _Stretch
     grips: Mapping[str, _Floats]
@@ -547,7 +547,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """Yield the arm that closes its gripper first in each segment of each episode."""
+    """Yield, for each segment of each episode, the arm that closes its gripper first."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -557,7 +557,7 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """Contents of a data set and the choices made in reading it, for the report on the reading.
+    """Content of a data set and the choices made when reading it, for the description of the data.
 
     Attributes:
         still: The grippers that never move, with the reason.
@@ -577,7 +577,7 @@ class _Read:
 
     @property
     def listed(self) -> int | None:
-        """Number of episodes that the data set declares, None if missing or invalid."""
+        """Number of episodes declared by the data set, None if missing or invalid."""
         total = self.info.get("total_episodes")
         known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
         return total if known else None
@@ -609,7 +609,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield how the frames were sorted, for files in another order."""
+    """Yield sentences about how the frames were sorted, if files were not in order."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = f"by episode_index and {key}" if key else "by episode_index alone: no column has the order of the frames"
         yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
@@ -619,7 +619,7 @@ def _about(scanned: _Scanned) -> Iterator[str]:
 
 
 def _left_out(read: _Read) -> Iterator[str]:
-    """Yield the data that were not read, with the reason."""
+    """Yield descriptions of the data that were not read, with the reason."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"

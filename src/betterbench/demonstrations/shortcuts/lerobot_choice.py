@@ -31,7 +31,7 @@ _NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object"
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Components of a data set with their roles.
+    """Components of a data set and their roles.
 
     Attributes:
         numbers: Components by column.
@@ -52,13 +52,13 @@ class Columns:
 
     @property
     def actions(self) -> list[str]:
-        """Columns of actions; a column with all components comes first."""
+        """Action columns, those with all components first."""
         other = [name for name in self.numbers if name.startswith(("action.", "actions."))]
         return [name for name in _ACTIONS if name in self.numbers] + sorted(other)
 
     @property
     def states(self) -> list[str]:
-        """Columns of proprioception; a column with all components comes first."""
+        """Proprioception columns, those with all components first."""
         usual = [name for name in _STATES if name in self.numbers]
         left = self.numbers.keys() - {*usual, *self.actions, "timestamp"}
         return usual + sorted(name for name in left if not _NO_STATE & set(tokens(name)))
@@ -88,7 +88,7 @@ class ArmPlace:
 
 
 def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
-    """Return one gripper per arm: as named by the user, or recognized by name.
+    """Return one gripper component per arm, as given by the user or recognized by name.
 
     Raises:
         InvalidInputError: If no component is recognized as a gripper, or two for one arm.
@@ -195,7 +195,7 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return the position components of each gripper's arm: the user's, end-effector positions, or joints.
+    """Return the position components of each gripper's arm: those given by the user, end-effector positions, or joints.
 
     Raises:
         InvalidInputError: If an arm has no such components, or two sets of them.
@@ -244,7 +244,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm of a gripper's column, or no arm if it is ambiguous."""
+    """Return the arm to which a gripper's column belongs, or no arm if it is ambiguous."""
     there = {part.arm for part in columns.parts[column] if part.kind in kinds}
     if arm in there and not (arm == "" and len(there) > 1):
         return (arm,)

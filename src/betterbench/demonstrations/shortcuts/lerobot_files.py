@@ -1,4 +1,4 @@
-"""Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
+"""Reader of the files of a LeRobot dataset, versions 2.0 to 3.0: description, instructions and frames.
 
 The file layout is the one of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
 pipes are rejected, and Git LFS pointers are reported.
@@ -31,18 +31,19 @@ POINTER = b"version https://git-lfs.github.com/spec/"
 FETCH = "It is a Git LFS pointer; the file itself was not fetched. Run git lfs pull in the dataset"
 
 MOST_ROWS = 20_000_000
-"""Maximum number of frames of a file."""
+"""Maximum number of frames in a file."""
 MOST_VALUES = 400_000_000
 """Maximum number of values in the columns read from a file."""
 MOST_BYTES = 8 << 30
-"""Maximum unpacked size of the columns read from a file [byte]."""
+"""Maximum uncompressed size of the columns read from a file [byte]."""
 MOST_TASKS = 1_000_000
 """Maximum number of instructions."""
 MOST_TEXT = 2_000
-"""Number of characters read from an instruction."""
+"""Maximum number of characters read from an instruction."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
-"""Part of Python's error about an integer with too many digits, whose advice concerns Python."""
+"""Part of Python's error message about an integer with too many digits; the message's advice would not help the
+user."""
 _TOO_LONG = "it contains an integer of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
@@ -56,7 +57,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Tell whether a file is a Git LFS pointer; return False if it cannot be read or is not a regular file."""
+    """Return whether a file is a Git LFS pointer; return False if it cannot be read or is not a regular file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -96,7 +97,7 @@ class Tasks:
     Attributes:
         texts: Instructions by index; None for an index without a text.
         source: File of the instructions.
-        others: The columns that were not read.
+        others: Columns that were not read.
     """
 
     texts: Mapping[int, str | None]
@@ -279,7 +280,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open a table of external data; a text shared by many rows is stored once."""
+    """Open an external table; a text shared by many rows is stored once."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:

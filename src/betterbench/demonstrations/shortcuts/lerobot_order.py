@@ -1,4 +1,4 @@
-"""Frame order of a LeRobot dataset, whose files may be unsorted and whose episodes may span several files."""
+"""Frame order of a LeRobot dataset, in which files may be unsorted and episodes may span several files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.demonstrations.shortcuts.lerobot_files import (
 from betterbench.errors import RecordError
 
 _KEYS = ("frame_index", "timestamp")
-"""Columns with the frame order of an episode; the first existing one is used."""
+"""Columns that may give the frame order of an episode; the first one that exists is used."""
 _MOST_INDEX = 2**53
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)

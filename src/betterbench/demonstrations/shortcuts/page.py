@@ -1,4 +1,4 @@
-"""The audit and the prediction as Markdown."""
+"""Audit and prediction as Markdown."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
 
 
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
-    """Return the ranking of the variations, the most likely failures first, limited to ``most``."""
+    """Return the ranking of the variations, most likely failures first, limited to ``most``."""
     rows = []
     for f in prediction.variations[:most]:
         because = "; ".join(f.because) or "it breaks none of the rules found"

@@ -1,4 +1,4 @@
-"""Word pairs that together determine an outcome, although neither word does alone."""
+"""Word pairs that determine an outcome together although neither word does alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_WORDS = 200
-"""Maximum number of words that are tested in pairs: the words that distinguish the most episodes."""
+"""Maximum number of words tested in pairs; the words that distinguish the most episodes are chosen."""
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -29,7 +29,7 @@ class WordPair:
         p_value: The larger p-value of two exact tests: whether, in episodes with one feature, the outcome is more
             frequent with the other feature than without it, and vice versa. Corrected for the number of outcomes, and
             by Holm (1979) for the number of pairs.
-        gain: Share of the outcome's uncertainty, where only one feature occurs, that both together resolve.
+        gain: Share of the outcome's uncertainty given one feature that both features together resolve.
     """
 
     first: int
@@ -40,7 +40,7 @@ class WordPair:
 
 
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
-    """Return the testable pairs of features with their outcome, the clearest first.
+    """Return the testable pairs of features with their outcome, clearest first.
 
     A feature that occurs exactly where two others occur together is left out, because it is such a pair itself.
 
@@ -123,10 +123,10 @@ def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _
 
 
 def least_share(n: int, tests: int, level: float) -> float | None:
-    """Return the smallest fraction of episodes following a rule at which a test can be significant.
+    """Return the smallest fraction of episodes that must follow a rule for a significant test.
 
-    The rule is between a word in half of the episodes and two equally frequent outcomes. The test is Fisher's,
-    one-sided, corrected for the number of tests (pairs and outcomes). None if no share is enough.
+    The rule relates a word in half of the episodes to two equally frequent outcomes. The test is Fisher's, one-sided,
+    corrected for the number of tests (pairs and outcomes). None if no share is enough.
     """
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     half = n // 2

@@ -1,4 +1,4 @@
-"""Unnamed places: cells of an arm's workspace, cut at the gaps between observed points."""
+"""Names for places in data without names: cells of an arm's workspace, split at gaps between the observed points."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 GAP_SHARE = 0.08
-"""Gap between neighboring values at which an axis is cut into cells, relative to the range of the longest axis."""
+"""Gap between neighboring values at which an axis is split into cells, relative to the range of the longest axis."""
 NARROW_SHARE = 0.2
-"""Minimum range of an axis that is cut into cells, relative to the longest axis."""
+"""Minimum range of an axis that is split into cells, relative to the longest axis."""
 LEAST_SHARE = 0.05
 """Minimum share of all values in a cell."""
 CELLS = 3
-"""Number of cells on an axis without gaps; all cells have the same number of values."""
+"""Number of cells on an axis without gaps; each cell has the same number of values."""
 SET_OUT_SHARE = 0.1
 """Length of the tool's path, relative to the range of its positions, after which its direction is determined."""
 DIRECTIONS = 8
@@ -67,7 +67,7 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
 
 def _written(point: _Floats, span: float) -> str:
-    """Return a point with enough digits to distinguish the cells of a span."""
+    """Return a point as text with enough digits to distinguish the cells of a span."""
     digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
     return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
 

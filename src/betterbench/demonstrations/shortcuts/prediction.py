@@ -1,4 +1,4 @@
-"""Prediction, before training, of the variations that a learner trained on a dataset will fail, with failure labels.
+"""Prediction, before training, of the variations that a learner of a dataset will fail, with failure labels.
 
 The prediction follows only from the audit. A variation's risk increases with the number and strength of the learnable
 rules that it breaks; a variation that breaks no rule is not at risk.
@@ -53,10 +53,10 @@ WEIGHTS = {
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Probability that a learner follows a rule of full strength, per question: estimated, not measured. Rules about two
+"""Estimated (not measured) probability that a learner follows a rule of full strength, per question. Rules about two
 words or complete instructions have the same weight as rules about single words.
 
-A rule about the word or object of a pick costs the complete trial; a rule about bystanders rarely matters."""
+A rule about the word or object of a pick decides the whole trial; a rule about other objects rarely matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -77,9 +77,8 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Failure labels of a learner that follows a rule, by question, the most likely first.
-
-A variation gets only labels that it can produce.
+"""Failure labels of a learner that follows a rule, by question, most likely first. A variation only gets labels that it
+can produce.
 """
 
 NAMESPACE = "betterbench-prediction"
@@ -97,7 +96,7 @@ class Forecast:
     """Prediction for one variation.
 
     Attributes:
-        rank: Rank from 1, the most likely failure.
+        rank: Rank, starting at 1 for the most likely failure.
         risk: 0 to 1; 0 if the variation breaks no rule in the data, or the task has no demonstrations.
         label: The most likely failure label, "" if the risk is 0.
         because: The rules that the variation breaks, each with the reason.
@@ -193,7 +192,7 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
 
 
 def _label(task: str, variation: str, broken: list[Finding]) -> str:
-    """Return the label with the most weight from the broken rules, among the labels that the variation can produce."""
+    """Return the label with the largest weight from the broken rules among those that the variation can produce."""
     if not broken:
         return ""
     exposed = exposed_labels(task, variation)

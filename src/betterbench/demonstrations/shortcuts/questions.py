@@ -1,4 +1,4 @@
-"""Audit questions: pairs of variables that may be associated, and their values in a demonstration."""
+"""Audit questions: pairs of variables that may be associated, with their values in a demonstration."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question whether two variables are associated, so that a learner could infer one from the other.
+    """Question of whether two variables are associated, so that a learner could infer one from the other.
 
     Attributes:
         name: Its name in files.
         title: The question in words.
-        rule: Text of a finding, with the first value as ``{x}`` and the second, inferred one as ``{y}``.
-        pairs: A demonstration's observations; its second argument is the kinds ever handled, None for all kinds.
+        rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
+        pairs: Function that returns a demonstration's observations, given the kinds ever handled (None for all kinds).
         within: Whether observations are permuted within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
@@ -104,13 +104,13 @@ QUESTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """Property of a demonstration ("outcome") that instruction words may predict.
+    """Outcome: a property of a demonstration that instruction words may predict.
 
     Attributes:
         name: Name of the question about single words.
-        what: The outcome in words.
+        what: Description of the outcome.
         rule: Text of a finding, with the outcome as ``{y}``.
-        of: A demonstration's outcome, "" if it has none.
+        of: Function that returns a demonstration's outcome, or "".
         missing: Reason for a message if no demonstration has the outcome.
         is_place: Whether the outcome is a place, direction or side, which a word such as "left" can mean.
     """
@@ -138,7 +138,7 @@ def _arm(facts: EpisodeFacts) -> str:
 
 
 def _is_named(facts: EpisodeFacts) -> bool:
-    """Tell whether the objects have names; in facts about arms, the arms replace the objects."""
+    """Return whether the objects have names; in facts about arms, the arms replace the objects."""
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 
 
@@ -199,8 +199,8 @@ WORD_OUTCOMES = {
 
 
 def base_of(question: str) -> str:
-    """Return the single-word question for a question about pairs or complete instructions.
+    """Return the single-word question that corresponds to a question about pairs or complete instructions.
 
-    Others are returned unchanged.
+    Other questions are returned unchanged.
     """
     return question.removesuffix(PAIRS).removesuffix(WHOLE)

@@ -1,4 +1,4 @@
-"""Description of an audit's data: episodes, instructions, grippers and places that were read or left out."""
+"""Description of the data of an audit: episodes, instructions, grippers and places that were read or left out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class GripperReading:
     Attributes:
         arm: Its arm, "" if there is only one.
         source: Column and component that were read, with the reason.
-        low: Least value, without the lowest 1 %.
+        low: Smallest value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         closed: Closed end of the range: ``low`` or ``high``.
         because: Reason for that side.

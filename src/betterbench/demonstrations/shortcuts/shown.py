@@ -1,4 +1,4 @@
-"""Record facts, derived from its first state and its instruction instead of the condition's name."""
+"""Facts of records, derived from the first state and the instruction instead of the condition's name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.relations.closed import GAP, opening_m
 SETTLED_M = 0.005
 """Largest distance from a settled object to the jitter region of its slot [m]."""
 AT_TARGET_M = 0.20
-"""Horizontal distance from its target within which a pre-placed object counts as at the target [m]."""
+"""Maximum horizontal distance between a pre-placed object and its target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
@@ -33,8 +33,8 @@ def every_condition(task: Task) -> tuple[Condition, ...]:
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
     """Return the conditions that match a record's instruction and first state.
 
-    A start consists of the object kinds, each object's slot, the objects already at a target, and the open drawers.
-    Names are not compared.
+    A first state is described by the object kinds, the slot of each object, the objects already at a target, and the
+    open drawers. Names are not compared.
     """
     task = get_task(record.metadata.task)
     said = [c for c in conditions if c.instruction.text == record.metadata.instruction]

@@ -1,4 +1,4 @@
-"""Smallest rule that an audit would have found: its sensitivity with the given number of demonstrations.
+"""Sensitivity of an audit: the smallest rule that it would have found with the given number of demonstrations.
 
 The sensitivity is estimated with planted data, which keep the frequencies of words and outcomes in the real data and
 therefore the same permutations, correction and threshold. In a fraction of the demonstrations, the outcome follows from
@@ -32,7 +32,7 @@ REPLICATES = 400
 _ENOUGH = POWER + 1.645 * math.sqrt(POWER * (1.0 - POWER) / REPLICATES)
 """Observed share at which the true share is at least :data:`POWER` with a confidence of 95 %."""
 STEPS = 20
-"""Number of tested sizes: rules that decide 1/20, 2/20, ... of the demonstrations."""
+"""Number of tested rule sizes: rules that decide 1/20, 2/20, ... of the demonstrations."""
 _MOST_WORDS = 20
 """Maximum number of word frequencies that are tried."""
 _CHUNK = 2_000_000
@@ -43,12 +43,12 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Test on joint counts (tables, nx, ny): whether a weak association is reported, because a value is a sure sign."""
+"""Test on joint counts (tables, nx, ny): whether a weak association is reported because a value is a certain sign."""
 
 
 @dataclass(frozen=True, slots=True)
 class RuleCounts:
-    """Criterion by which an audit reports a significant association.
+    """Criterion for reporting a significant association.
 
     Attributes:
         strong: Strength at and above which every association is reported.
@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return the meaning of a fraction in words."""
+    """Return a sentence about the meaning of a fraction."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:
@@ -187,7 +187,7 @@ class Planted:
         if self.share_found(1.0, threshold, counts, draw) < 1.0:
             return None
         units = int(self.block.max()) + 1
-        # A single random unit has no other unit to exchange with: the rule would have no exception.
+        # A single random unit cannot be exchanged with another one, so the rule would have no exception.
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
         low, high = -1, len(shares) - 1  # not enough, enough
@@ -311,5 +311,5 @@ def shares_line(rules: Iterable[SmallestRule]) -> str:
 
 
 def share_text(share: float | None) -> str:
-    """Return a share for a table ("85 %"), or that no rule would be found."""
+    """Return a share for a table ("85 %"), or a text that no rule would be found."""
     return "none, however strong" if share is None else f"{100.0 * share:.0f} %"

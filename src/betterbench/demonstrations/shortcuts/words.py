@@ -1,4 +1,4 @@
-"""An instruction's words, in any script.
+"""Words of an instruction in any script.
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
 and Burmese have no such spaces, and finding words there requires a dictionary. Instead, every run of up to
@@ -31,7 +31,7 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Tell whether a text is a word from a script with spaces, as opposed to a run of characters."""
+    """Return whether a text is a word from a script with spaces, as opposed to a run of characters."""
     return not _NO_SPACES.search(word)
 
 
@@ -57,7 +57,7 @@ def shown_as(words: Iterable[str], text: str) -> str:
 
 
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
-    """Return the words without runs of characters that join two words and add no information.
+    """Return the words without character runs that join two words and add no information.
 
     Such a run occurs in exactly the texts that contain both its beginning and its end, and each of these two parts
     occurs in more texts.
@@ -79,7 +79,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
 
 
 def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
-    """Tell whether a run of text without spaces in one list contains a run in the other list."""
+    """Return whether a character run in one list contains a run in the other list."""
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 
@@ -204,11 +204,11 @@ _BESIDE_PLACES = frozenset(
         "most",
     ]
 )
-"""Words that may accompany them and name nothing."""
+"""Words that may accompany them but do not name a place themselves."""
 
 
 def names_a_place(words: Iterable[str]) -> bool:
-    """Tell whether words that always occur together all name a place, such as "left".
+    """Return whether words that always occur together all name a place, such as "left".
 
     For runs of characters, one run that names a place is enough: the runs around it are part of it.
     """
@@ -217,7 +217,7 @@ def names_a_place(words: Iterable[str]) -> bool:
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return the given words that a text contains, in text order, as one text."""
+    """Return those of the given words that a text contains, in text order, as one text."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()

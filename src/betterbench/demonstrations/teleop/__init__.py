@@ -1,1 +1,1 @@
-"""Teleoperation: a person demonstrates in the browser, and the record has the same form as any demonstration."""
+"""Teleoperation: human demonstrations in the browser, recorded in the same format as any demonstration."""

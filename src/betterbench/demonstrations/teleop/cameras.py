@@ -1,4 +1,4 @@
-"""Live camera images, rendered in a separate thread, so that the control loop never waits for them."""
+"""Live camera images, rendered in a separate thread so that the control loop never waits for them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ LONGEST_RATE_HZ = 10.0
 """Maximum number of images of a camera per second, which leaves CPU time for the physics."""
 SIZE_PX = 256
 LATE_S = 1.0
-"""Delay of an image from which it is reported as late [s]."""
+"""Delay above which an image is reported as late [s]."""
 STOP_S = 0.5
-"""Longest wait for the current image when the thread is closed [s]."""
+"""Maximum wait for the current image when the thread is closed [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class _Frame:
 
 
 class CameraThread:
-    """Thread that renders the newest given state, and drops older ones."""
+    """Thread that renders the newest state and drops older ones."""
 
     def __init__(
         self,

@@ -1,8 +1,7 @@
-"""Inputs of the operator, collected from browser and devices between control steps; callable from any thread.
+"""Operator input from browser and devices, collected between control steps; thread-safe.
 
-One page controls the robot, the first one opened; others watch until one of them takes over. Input from a page or
-device can neither block nor break the loop: unreadable input is reported in one line, and held keys that are not
-renewed expire.
+One page controls the robot, the first one opened; others watch until one of them takes over. Input can neither block
+nor crash the loop: unreadable input is reported in one line, and held keys expire unless they are renewed.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ HELD_FOR_S = 0.6
 DEAD_ZONE = 0.12
 """Deflection of an axis below which the input is zero."""
 MOST_TAPS = 32
-"""Maximum number of presses waiting for a control step; more cannot come from a person and are dropped."""
+"""Maximum number of key presses waiting for a control step; more cannot come from a person and are dropped."""
 
 KEYS: dict[str, tuple[int, float]] = {
     "KeyW": (0, 1.0),
@@ -43,7 +42,7 @@ KEYS: dict[str, tuple[int, float]] = {
     "KeyQ": (5, 1.0),
     "KeyE": (5, -1.0),
 }
-"""Component and sign of each motion key: forward, left, up, roll, pitch and yaw, seen from the viewer."""
+"""Component and sign of each motion key: forward, left, up, roll, pitch and yaw as seen by the viewer."""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 GAMEPAD_TAPS: dict[int, Tap] = {0: "gripper", 1: "undo", 9: "save"}
 """Actions triggered by the buttons of a standard gamepad (W3C Gamepad, "standard" mapping)."""
@@ -62,7 +61,7 @@ class ControlInput:
         push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the viewer, each in
             [-1, 1].
         closed: Whether a leader arm's gripper is closed; None without one.
-        driver: Number of the page that drives; None while no page is open.
+        driver: Number of the page that controls the robot; None while no page is open.
     """
 
     taps: tuple[Tap, ...] = ()
@@ -152,7 +151,7 @@ class Controls:
                 self._tell(str(problem))
             return True
         with self._lock:
-            # Taps from before the page drove are ignored.
+            # taps from before the page controlled the robot are ignored
             known = self._counts.setdefault(page, {})
             made = cast("list[Tap]", new_taps(form, known, TAPS))
             push = _push_of(form)
@@ -185,15 +184,15 @@ class Controls:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Let a leader arm start following again, from the current target of the tool."""
+        """Restart following the leader arm from the current target of the tool."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return the number of times a leader arm started following, and the tool target at that time.
+        """Return how often following the leader arm was started, and the tool target at the last start.
 
-        Returns None before the start.
+        Returns None before the first start.
         """
         with self._lock:
             return self._grip, self._tool

@@ -1,6 +1,6 @@
 """Gamepads and SpaceMice connected to the machine that runs betterbench, read from the kernel.
 
-Devices at the user's own computer are read by the page. This module implements the Linux input protocol
+Devices connected to the user's own computer are read by the page. This module implements the Linux input protocol
 (``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
@@ -25,10 +25,10 @@ from betterbench.errors import InvalidInputError, system_error_text
 DeviceKind = Literal["gamepad", "SpaceMouse"]
 
 EVENT = struct.Struct("llHHi")
-"""One event: seconds, microseconds, type, code, value."""
+"""Layout of an event: seconds, microseconds, type, code, value."""
 EV_KEY, EV_REL, EV_ABS = 1, 2, 3
 SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
-"""Default of the largest deflection if the kernel does not report it."""
+"""Default maximum deflection if the kernel does not report it."""
 RENEW_S = 0.1
 """Period at which an unchanged deflection is renewed [s], because the kernel reports only changes."""
 SPRUNG_S = 0.15
@@ -75,7 +75,7 @@ def find_devices(root: Path = Path("/sys/class/input")) -> tuple[Device, ...]:
 
 
 def _has_key(words: Sequence[str], key: int) -> bool:
-    """Tell whether a bit is set in the words of a capability: 64-bit hexadecimal words, most significant word first."""
+    """Return whether a bit is set in the words of a capability: 64-bit hexadecimal, most significant word first."""
     index = len(words) - 1 - key // 64
     return index >= 0 and bool(int(words[index], 16) >> (key % 64) & 1)
 

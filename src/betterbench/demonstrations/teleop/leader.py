@@ -1,7 +1,7 @@
-"""A LeRobot leader arm, read by lerobot's own teleoperator class and followed by the simulated arm's tool.
+"""LeRobot leader arm, read by lerobot's own teleoperator class and followed by the tool of the simulated arm.
 
-The leader has five joints and another reach than the robot. The robot therefore follows the leader's tool: the tool's
-motion since following began, in the leader's base frame, is applied to the robot's tool.
+The leader has five joints and a different reach than the robot, so the robot follows its tool, not its joints: the
+motion of the leader's tool since the start of following, in the leader's base frame, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LEADERS = ("so101_leader", "so100_leader")
 """Leader arms with known kinematics."""
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 SCALE = 1.5
-"""Motion of the robot's tool per unit of leader tool motion: about the ratio of their reaches."""
+"""Motion of the robot's tool per unit of motion of the leader's tool, about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
 """Leader gripper positions (0 closed to 100 open) at which the robot's gripper closes and opens."""
 RATE_HZ = 50.0

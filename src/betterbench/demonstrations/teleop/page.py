@@ -1,4 +1,4 @@
-"""Page in the browser: scene in 3-D, gizmo, panel and camera images.
+"""Browser page with 3-D scene, gizmo, panel and camera images.
 
 viser only serves the page, and the page connects only to this process. Input goes into the
 :class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the loop; neither side waits
@@ -26,7 +26,8 @@ GIZMO = "/tool"
 GIZMO_M = 0.20
 """Length of the gizmo's arrows [m]."""
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
-"""Initial position and target of the view [m]: behind the robot's right shoulder, so that "forward" is away."""
+"""Initial position and target of the view [m], behind the robot's right shoulder, so that "forward" points away from
+the viewer."""
 PANEL_PX, IMAGES_PX = 380, 300
 TOLD_EVERY_S = 3.0
 """Minimum interval between notices to a page that does not drive (control the robot) [s]."""
@@ -39,12 +40,12 @@ class PanelState:
     Attributes:
         title: Headline: the demonstration, and the number of saved ones.
         subgoals: Text of each subgoal, and whether it is done.
-        share: Used share of the episode's steps.
+        share: Share of the episode's steps that have been used.
         status: Episode state, in a few words.
         tone: "go", "wait", "good" or "bad": the color of the status.
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
         said: The last messages, newest last.
-        undo_to: Moment name to which an undo returns.
+        undo_to: Name of the moment to which an undo returns.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Height of the tool above the table, in words; "" if there is none.
@@ -99,10 +100,7 @@ class Page:
 
     @property
     def view_yaw(self) -> float:
-        """Viewing direction of the page that controls the robot [rad], seen from above.
-
-        A value of 0 points away from the robot's base.
-        """
+        """Viewing direction of the controlling page [rad], seen from above; 0 points away from the robot's base."""
         client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
         if client is None:
             return 0.0

@@ -1,8 +1,8 @@
-"""Teleoperated episode: operator commands in, states out, independent of clock, browser and devices.
+"""Teleoperated episode, which turns operator commands into states, independently of clock, browser and devices.
 
 Commands use the same action space as any policy, so the record is an ordinary one. The session stores the complete
 state at the start and whenever a subgoal has been reached. Undo returns to the last of these moments and drops
-everything after it: the record looks like an episode without the undone steps.
+everything after it, as if the undone steps had never happened.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.relations import arm_still
 
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
-"""Distance from its target within which the commanded pose has arrived [m, rad]."""
+"""Distance from its target within which the commanded pose counts as arrived [m, rad]."""
 RESTING_M_S = 0.01
-"""Speed below which an object is at rest while the session waits for the operator [m/s]."""
+"""Speed below which an object counts as at rest while the session waits for the operator [m/s]."""
 FINGERS_STILL_M = 0.0005
-"""Change of the opening width per control step below which the fingers are still [m]."""
+"""Change in opening width per control step below which the fingers count as still [m]."""
 STUCK_M = 0.035
 """Distance between the tool and its goal at which the arm is considered stuck [m]; the controller allows 0.05."""
 STUCK_STEPS = 10
-"""Control steps with this distance after which the arm is stuck: 0.5 s."""
+"""Number of control steps at this distance after which the arm is considered stuck: 0.5 s."""
 SAME_MOMENT_STEPS = 20
-"""Control steps within which reaching the same subgoals again is not a new undo moment: 1 s."""
+"""Number of control steps within which reaching the same subgoals again creates no new undo moment: 1 s."""
 
 SessionPhase = Literal["going", "success", "step_limit"]
 
@@ -57,7 +57,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment to which an undo can return: the number of rows, and the complete state of the scene and the steering."""
+    """Moment to which an undo can return: the number of rows, and the complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -129,7 +129,7 @@ class TeleopSession:
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
-        """Tell whether a step would change nothing: the arm is at its goal, nothing moves, and nothing is pending."""
+        """Whether a step would change nothing, because the arm is at its goal, nothing moves and nothing is pending."""
         state, truth = self.state, self.truth
         fingers = [row.state.finger_width_m for row in self._rows[-2:]]
         if max(fingers) - min(fingers) > FINGERS_STILL_M or truth.goal or not arm_still(state):
@@ -215,8 +215,8 @@ class TeleopSession:
     def finished(self, name: str) -> DemonstrationAttempt:
         """Return the record with its segments, and whether it meets all conditions for a demonstration set.
 
-        For this check the scene continues briefly without recording, and then returns. Raises the errors of
-        :meth:`record`.
+        For this check, the scene is simulated a little further without recording, and then reset to its state. Raises
+        the errors of :meth:`record`.
         """
         record = self.record(name)
         if self.phase != "success":

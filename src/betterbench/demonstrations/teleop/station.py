@@ -1,4 +1,4 @@
-"""Loop of a teleoperation, which reads the input, steps the session and shows the result at the control rate.
+"""Teleoperation loop, which reads the input, steps the session and shows the result at the control rate.
 
 The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and nothing
 moves. The record gets no rows during a pause, so a demonstration contains no thinking time.
@@ -31,7 +31,7 @@ from betterbench.sim.scenes.glb import body_files
 PUSH_M_S, PUSH_RAD_S = 0.30, 1.2
 """Speed of a pushed target at full deflection and full speed [m/s, rad/s]."""
 PUSH_LEAD_M = 0.06
-"""Largest distance of a pushed target from the tool [m], so that the tool stops soon after the key is released."""
+"""Maximum distance of a pushed target from the tool [m], so that the tool stops soon after a key is released."""
 WAIT_STEPS = 10
 """Control steps without a command and without motion after which the episode pauses: 0.5 s."""
 SAID_LINES = 3
@@ -59,7 +59,7 @@ class Display(Protocol):
 
 
 class Station:
-    """Teleoperation by one person, whose demonstrations go into one store."""
+    """Teleoperation by one person, with the demonstrations saved in one store."""
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ class Station:
         return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
-        """Run until the event is set. Late steps are not made up for."""
+        """Run until the event is set, without catching up on late steps."""
         period = 0.05 if self.session is None else 1.0 / self.session.scene.control_rate_hz
         due = time.monotonic()
         while not stopped.is_set():
@@ -141,7 +141,7 @@ class Station:
         self._show(asked)
 
     def _obey(self, taps: Sequence[Tap]) -> None:
-        """Execute the taps up to a tap that changes the start. Later taps were not meant for the new start."""
+        """Execute the taps up to one that changes the start; later taps were not meant for the new start."""
         for tap in taps:
             before = self._starts
             self._do[tap]()
@@ -150,7 +150,7 @@ class Station:
 
     def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
         """Take a control step toward the requested target, unless the episode is paused."""
-        if asked.driver != self._driver:  # the new driver has given no command yet
+        if asked.driver != self._driver:  # the operator in control has given no command yet
             self._driver, self._target = asked.driver, None
             self._controls.hold_from(session.state.commanded_pose)
         if asked.closed is not None:
@@ -173,7 +173,7 @@ class Station:
             self._judge(session)
 
     def _pushed(self, session: TeleopSession, push: tuple[float, ...]) -> Pose:
-        """Return the target moved by a control step of pushing, in the operator's viewing direction."""
+        """Return the target displaced by one control step of key or stick input, relative to the operator's view."""
         state, period = session.state, 1.0 / session.scene.control_rate_hz
         base = self._target or state.commanded_pose
         if distance(base.position, state.ee_pose.position) > PUSH_LEAD_M:
@@ -258,7 +258,7 @@ class Station:
         self._receive()
 
     def _receive(self) -> None:
-        """Take over a finished session. Commands given in the meantime are dropped."""
+        """Switch to a finished session; commands given in the meantime are dropped."""
         session = self._loader.take()
         if session is None:
             return

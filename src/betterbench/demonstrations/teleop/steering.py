@@ -14,13 +14,13 @@ from betterbench.sim.robots import RobotSpec
 LOWEST_TIP_M = 0.002
 """Minimum height of the fingertips above the table that the operator can command [m]."""
 SHOULDER_HEIGHT_M = 0.333
-"""Height of the second joint of the Panda above its base [m] (Franka's data sheet), the origin of the reach."""
+"""Height of the Panda's second joint above its base [m] (Franka's data sheet), from which the reach is measured."""
 FLANGE_TO_TOOL_M = 0.21
-"""Distance of the tool center point from the flange [m], which reduces the reach with the tool pointing down."""
+"""Distance between the tool center point and the flange [m], which reduces the reach when the tool points down."""
 REACH_SHARE = 0.97
-"""Share of the full reach that the operator can command: a stretched arm cannot rotate."""
+"""Share of the full reach that the operator can command, because a fully stretched arm cannot rotate."""
 NEAREST_M = 0.20
-"""Minimum horizontal distance from the base axis [m]: closer, the arm hits itself."""
+"""Minimum horizontal distance from the base axis [m], below which the arm would hit itself."""
 HIGHEST_M = 0.75
 """Largest height of the tool [m]."""
 SLOWEST = 0.1
@@ -79,8 +79,8 @@ class Steering:
     ) -> tuple[Steering, np.ndarray]:
         """Return the next state and the ``ee_delta`` action, (7,), that moves the commanded pose toward a target.
 
-        Translation and rotation arrive together. The speed rises and falls at the acceleration of the expert's free
-        motion. A moved target is followed immediately, because only the speed of the commanded pose is bounded.
+        Translation and rotation arrive together. The speed changes with the acceleration of the expert's free motion. A
+        moved target is followed immediately, because only the speed of the commanded pose is limited.
 
         Args:
             now: Commanded pose.
@@ -101,7 +101,7 @@ class Steering:
 
 
 def is_finite(pose: Pose) -> bool:
-    """Tell whether all numbers in a pose are finite and its quaternion is a rotation."""
+    """Return whether all numbers in a pose are finite and its quaternion is a rotation."""
     numbers = (*pose.position, *pose.quaternion)
     return all(map(math.isfinite, numbers)) and sum(v * v for v in pose.quaternion) > 1e-6
 

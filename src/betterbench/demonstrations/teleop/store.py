@@ -1,4 +1,4 @@
-"""Store of teleoperated demonstrations: an ordinary run folder, with the starts that are still due."""
+"""Store of teleoperated demonstrations: an ordinary run folder, and the starts that are still due."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from betterbench.tasks.trial import Trial
 FIRST_TELEOPERATED_SEED = 500_000_000
 """Default first seed for teleoperated demonstrations, far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""Failures that do not prevent a person from saving a demonstration. The demonstration contains the failure."""
+"""Failures that do not prevent saving a human demonstration; they are noted in the demonstration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class TeleopPlan:
 
 
 class DemonstrationStore:
-    """A run folder that a person fills, locked while it is open.
+    """Run folder for human demonstrations, locked while it is open.
 
     Raises:
         InvalidInputError: If a number is out of range.
@@ -150,12 +150,12 @@ class DemonstrationStore:
 
 
 def can_keep(attempt: DemonstrationAttempt) -> bool:
-    """Tell whether a demonstration can be saved: it succeeded and remained successful."""
+    """Return whether a demonstration can be saved: it succeeded and remained successful."""
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 
 def _plan(wanted: TeleopPlan, starts: Sequence[Start]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return plan and context of a run for ``run.json``."""
+    """Return the plan and context of a run for ``run.json``."""
     order = sorted(starts, key=lambda s: (s.task, s.condition, s.number))
     trials = tuple(Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value) for s in order)
     plan = Plan(TELEOPERATED, trials, EE_DELTA.name, "state_only", wanted.quality)

@@ -1,6 +1,6 @@
-"""Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
+"""Targets that a policy approached without grasping, by hovering over them or pushing them.
 
-A grasp shows a policy's target. After the last grasp, only the empty gripper's path shows it. The gripper may
+A grasp shows the target of a policy. After the last grasp, only the path of the empty gripper shows it: the gripper may
 stay over an object, return to an object repeatedly, or move back and forth between several objects.
 """
 
@@ -50,7 +50,7 @@ from betterbench.tasks.judging.motion import Bools, Floats, in_reach
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """First and last row during which an open gripper stays over an object; passing over the object does not count."""
+    """First and last row of a stay of the open gripper over an object; passing over the object does not count."""
 
     start: int
     end: int
@@ -63,7 +63,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays from a given row on, in order of time, except over objects at a target or on the floor."""
+    """Return the stays from a row on in time order, except over objects at a target or on the floor."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -81,7 +81,7 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
-    """Return the first stay, after a given row, over the object that a policy chooses by staying there, or None.
+    """Return the first stay after a row over the object that a policy chooses by staying over it, or None.
 
     Args:
         trace: The episode.
@@ -104,10 +104,10 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Return whether a gripper is over a requested object about as long, or as often, as over another object.
+    """Return whether the gripper is over a requested object about as long, or as often, as over another object.
 
-    The times over both objects are measured up to the same height above the table. Otherwise, the gripper would be over
-    the taller object earlier.
+    Both times are measured up to the same height above the table. Otherwise, the gripper would reach the taller object
+    earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -128,10 +128,9 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
-    """Return the object to which an open gripper comes down after a given row, low enough to grasp it, or None.
+    """Return the object to which an open gripper descends after a row, low enough to grasp it, or None.
 
-    The gripper must be at the object for a moment in total, and seldom at a place where closing would grasp another
-    object.
+    The gripper must be at the object for a minimum total time, and seldom where closing would grasp another object.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -152,7 +151,7 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
 
 
 def taken_below(trace: Trace, i: int) -> Floats:
-    """Return the height at which a gripper has come down to an object, shape (T,) [m].
+    """Return the height below which a gripper has descended to an object, shape (T,) [m].
 
     This is the top of the object, unless the object is flat.
     """
@@ -167,7 +166,7 @@ def is_down(trace: Trace, i: int) -> Bools:
 
 
 def stays_above(trace: Trace, first: int, i: int) -> bool:
-    """Return whether an open gripper stays over an object after a given row without coming lower over time."""
+    """Return whether an open gripper stays over an object after a row without descending over time."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
@@ -176,13 +175,13 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
 
 
 def lowered(heights: Floats) -> float:
-    """Return the difference between the median heights of the first and the second half [m]."""
+    """Return by how much the median height drops from the first to the second half [m]."""
     first, second = np.array_split(heights, 2)
     return float(np.median(first) - np.median(second))
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows during which an open gripper repeatedly comes over an object and leaves again, or None."""
+    """Return the rows during which an open gripper repeatedly moves over an object and leaves again, or None."""
     visits = [stay for stay in find_stays(trace, first) if stay.object == i]
     times = 1
     for last, stay in itertools.pairwise(visits):
@@ -192,7 +191,7 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the rows in which the fingers close around an object without touching it and rise again, or None."""
+    """Return the rows in which the fingers close around an object without contact and rise again, or None."""
     below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
@@ -210,7 +209,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the rows in which an open gripper repeatedly descends, runs into an object and rises, or None.
 
-    A gripper that is closed, or has the object between its fingers, does not run into it.
+    A closed gripper, or a gripper with the object between its fingers, does not run into it.
     """
     shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
@@ -224,7 +223,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first span after a row in which a gripper that closed on nothing is within reach of an object."""
+    """Return the first span after a row in which a gripper that has closed on nothing is within reach of an object."""
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
@@ -235,8 +234,8 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     """Return the rows in which an empty gripper moves back and forth until the end of the episode, or None.
 
-    The path to the region of this motion is excluded, however long it is. The rows in which opening fingers still hold
-    the last object are excluded too.
+    The path to the region of this motion is excluded, however long it is, and so are rows in which the opening fingers
+    still hold the last object.
     """
     holding = np.flatnonzero(trace.held[first:] >= 0)
     first += int(holding[-1]) + 1 if holding.size else 0
@@ -255,9 +254,10 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 
 
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
-    """Return whether a path approaches any of some objects: its center comes nearer in each quarter.
+    """Return whether a path approaches any of the objects.
 
-    A path whose center is at an object from the start does not approach that object.
+    Its center must be nearer in each successive quarter. A path whose center is at an object from the start does not
+    approach that object.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -266,7 +266,7 @@ def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> 
 
 
 def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
-    """Return the rows from the first touch by an empty gripper until it has shut an object for good, or None."""
+    """Return the rows from the first touch by an empty gripper until it has shut a drawer for good, or None."""
     if shut.all() or not shut[-1]:
         return None
     row = int(np.flatnonzero(~shut)[-1]) + 1
@@ -275,7 +275,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper pushes an object, and the object, in time order.
+    """Return the pushes by an empty gripper in time order: rows and object of each.
 
     An object that moves while the gripper is still closed on it is carried or dragged, not pushed. An object that is
     hit while another object is between the fingers is not pushed either.
@@ -286,17 +286,17 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
-    """Return the rows in which an empty gripper moves an object, including by less than a push, in time order."""
+    """Return the rows in which an empty gripper moves an object, even by less than a push, in time order."""
     shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
     return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
 
 
 def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
-    """Return the spans of rows in which an empty gripper is at an object without having closed on it."""
+    """Return the row spans in which an empty gripper touches an object without having closed on it."""
     if trace.is_drawer(i):
         return []
     pinched = trace.left & trace.right
-    pinched[:, i] = False  # a closed gripper touches what it pushes with both fingers
+    pinched[:, i] = False  # a closed gripper touches a pushed object with both fingers
     touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
     for g in grasps:
         if g.object == i:
@@ -326,10 +326,10 @@ def _is_empty(trace: Trace) -> Bools:
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the object under an empty gripper, or -1. Targets are excluded because a gripper also releases over them.
+    """Return the object under an empty gripper, or -1.
 
-    Of several candidates, the nearest as seen from above is returned. An object with any part below the gripper takes
-    precedence over an object whose center is nearer.
+    Targets are excluded, because a gripper also releases over them. Of several candidates, the horizontally nearest is
+    returned. An object with any part below the gripper takes precedence over an object with a nearer center.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -338,7 +338,7 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """Distances from the gripper to an object: horizontally to its box (``beside``) and to its center (``center``) [m].
+    """Distances [m] from the gripper to an object, horizontally to its box (``beside``) and its center (``center``).
 
     Attributes:
         above: Height over its top [m].
@@ -371,9 +371,10 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Return whether the gripper leaves on a different side than it came from, or is over the object only briefly.
+    """Return whether the gripper merely passes over an object.
 
-    If the episode ends while the gripper is over the object, it passes if it was still moving straight on.
+    It leaves on another side than it came from, or after a short time. If the episode ends over the object, the gripper
+    passes if it was still moving straight.
     """
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
@@ -385,7 +386,7 @@ def _passes(trace: Trace, stay: Stay) -> bool:
 
 
 def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last row of each span of true flags; spans separated by a short gap are merged."""
+    """Return the first and last row of each span of true flags, merging spans separated by a short gap."""
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
         if found and row - found[-1][1] <= gap:
@@ -396,9 +397,9 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
-    """Return the row at which an object begins to move, at the latest the row at which a touch was first recorded.
+    """Return the row at which an object begins to move, at the latest the row of the first recorded touch.
 
-    Touches shorter than a control step show only in their effects.
+    Touches shorter than a control step are visible only by their effects.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
@@ -421,7 +422,7 @@ def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
-    """Return the displacements of a touched object and of the gripper during that time, seen from above [m]."""
+    """Return the horizontal displacements of a touched object and of the gripper during the touch [m]."""
     before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
     way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
     tool: Floats = (trace.tool[end] - trace.tool[before])[:2]

@@ -1,4 +1,4 @@
-"""Collisions of the robot, or of its held object, with fixtures; they are counted and do not affect success."""
+"""Collisions of the robot or its held object with fixtures, which are counted but do not affect success."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def count_collisions(record: Record, trace: Trace) -> int:
     """Return the number of collisions with fixtures in an episode.
 
     A collision begins when the robot or the object in its gripper presses on a fixed fixture with more than
-    ``collision_force``. It ends when there has been no such force for ``collision_gap``. An object that is already at
+    ``collision_force``. It ends when no such force has occurred for ``collision_gap``. An object that is already at
     its goal, such as a jar on the floor of its hole, does not collide with its support.
     """
     objects = trace.info.objects

@@ -1,4 +1,4 @@
-"""Analysis of an episode: the object of each grasp attempt, compared with the current step of the instruction."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the due step of the instruction."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """Relation of an attempt's object to the instruction at the time of the attempt."""
+    """Relation of the attempted object to the instruction at the time of the attempt."""
 
     ASKED = "asked"
     """The due step of the instruction refers to the object."""
     LATER = "later"
     """A later step refers to the object, and an earlier step of the ordered instruction is still open."""
     REPEATED = "repeated"
-    """The object serves only a step that is already done."""
+    """Only a step that is already done refers to the object."""
     OTHER = "other"
     """Another instruction of the task refers to the object, or the object is the target of a placement."""
     FOREIGN = "foreign"
@@ -52,7 +52,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """Behavior that shows a policy's target: a grasp, a push, hovering, or an attempt to close the gripper."""
+    """Kind of behavior that shows a policy's target: a grasp, a push, hovering, or a weak closing of the gripper."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -61,7 +61,7 @@ class Means(StrEnum):
     STAY = "stay"
     """The open gripper stays over the object, and nothing is grasped afterward."""
     TRY = "try"
-    """The gripper is commanded to close at the object, and its fingers hardly move."""
+    """The gripper is commanded to close at the object, but its fingers hardly move."""
 
 
 _MEANS_WORDS = {
@@ -70,7 +70,7 @@ _MEANS_WORDS = {
     Means.TRY: " (its fingers hardly move)",
 }
 _INSTRUCTION_WORDS = ("instructed", "the instruction asks for", "the instruction puts")
-"""Words by which a text of evidence already states the instruction."""
+"""Phrases that show that an evidence text already states the instruction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,8 @@ class Step:
         at: Index of the attempted or missed object, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots of the requested objects.
-        between: Index of another object that was as near as the instructed object when the gripper closed on nothing.
-            Either may have been the target. Otherwise None.
+        between: Index of another object that was as near as the instructed object when the gripper closed on nothing,
+            so that either may have been the target. None otherwise.
     """
 
     grasp: GraspAttempt
@@ -111,7 +111,7 @@ class EpisodeAnalysis:
         harm: Harm to objects that were not requested, in order of time.
         others: Approaches without closing the gripper, in order of time.
         on_nothing: Closings far from all objects, or next to an empty slot, in order of time.
-        fists: Closings on nothing before a drawer is pushed shut, in time order.
+        fists: Times at which the gripper closed on nothing before pushing a drawer shut, in time order.
         state: Function that returns the state at a row; None if only the recorded target regions are known.
         found_once: Results that :func:`once_per_episode` keeps.
     """
@@ -130,16 +130,16 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """All steps that show a target, in order of time: grasp attempts, pushes, and a stay at the end.
+        """All steps that show a target, in time order: grasp attempts, pushes, and a final stay.
 
-        Drawers that are opened for a wrong first choice are left out.
+        Drawers opened for a wrong first choice are excluded.
         """
         opened = self.opened_first
         return tuple(s for s in self._in_order if s not in opened)
 
     @property
     def opened_first(self) -> tuple[Step, ...]:
-        """Attempts that open a drawer before a wrong first choice, because they belong to that choice.
+        """Attempts that open a drawer before a wrong first choice and therefore belong to that choice.
 
         A wrong drawer before a correct first choice is a separate mistake.
         """
@@ -154,7 +154,7 @@ class EpisodeAnalysis:
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     def _opens(self, step: Step) -> bool:
-        """Return whether an attempt is at a drawer and does not push it in."""
+        """Return whether an attempt is at a drawer without pushing it in."""
         return not self._may_be_choice(step) and not self.pushes_in(step)
 
     def pushes_in(self, step: Step) -> bool:
@@ -165,9 +165,10 @@ class EpisodeAnalysis:
         return self.trace.opening(last, step.at) <= self.trace.opening(step.grasp.start, step.at) - PUSHED_IN
 
     def _may_be_choice(self, step: Step) -> bool:
-        """Return whether an attempt can show a choice: it is at no drawer, or a drawer is to be moved for its own sake.
+        """Return whether an attempt can show a choice.
 
-        A drawer that is opened or closed for an object does not show which object was chosen.
+        It can if its object is not a drawer, or the drawer itself is requested. A drawer that is opened or closed for
+        an object does not show which object was chosen.
         """
         if not self.trace.is_drawer(step.at):
             return True
@@ -176,7 +177,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last gripper closing, even on nothing, and its effects end, or 0 without a closing."""
+        """Row at which the last closing of the gripper, even on nothing, and its effects end, or 0 without one."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -186,7 +187,7 @@ class EpisodeAnalysis:
 
     @property
     def instruction(self) -> Instruction:
-        """Condition instruction: its text and its subgoals."""
+        """Instruction of the condition, with its text and subgoals."""
         return self.condition.instruction
 
     @property
@@ -201,7 +202,7 @@ class EpisodeAnalysis:
 
     @property
     def first_choice(self) -> Step | None:
-        """The first attempt, push or stay that shows a choice; a drawer moved for an object does not show one yet."""
+        """The first attempt, push or stay that shows a choice; a drawer moved for an object does not count."""
         return next(filter(self._may_be_choice, self._in_order), None)
 
     @property
@@ -222,7 +223,7 @@ class EpisodeAnalysis:
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return clauses for the harm to objects that were not requested, in order of time."""
+        """Return clauses about harm to objects that were not requested, in time order."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -238,7 +239,7 @@ class EpisodeAnalysis:
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that place objects into the drawer that this subgoal closes."""
+        """Return the earlier subgoals that fill the drawer closed by this subgoal."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -259,7 +260,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which an attempt's object left the gripper and at which it had come to rest.
+        """Return the rows at which the object of an attempt left the gripper and came to rest.
 
         Returns:
             The two rows, or None if nothing was grasped or the gripper still holds the object at the end.
@@ -279,7 +280,7 @@ class EpisodeAnalysis:
         return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
     def slipped(self, step: Step) -> bool:
-        """Return whether an attempt's object fell out of a gripper that was commanded to stay closed."""
+        """Return whether the object of an attempt fell out of a gripper that was commanded to stay closed."""
         rows, i = self.let_go(step), step.grasp.object
         if rows is None or i is None:
             return False
@@ -288,10 +289,10 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return an object's target region if its presence there proves that it was brought there, else None.
+        """Return the target region of an object if its position proves that it was brought there, else None.
 
-        A wide region, such as one side of another object, proves nothing: the object may have been there from the
-        start.
+        A wide region, such as one side of another object, proves nothing, because the object may have been there from
+        the start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -299,10 +300,10 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return a region in which an object was put against the instruction, with two rows, or None.
+        """Return a region in which an object was placed against the instruction, with two rows, or None.
 
-        The rows are the row of the release and the row at which the object came to rest. An object that was
-        deliberately released at a region is placed there in any posture.
+        The rows are those of the release and of coming to rest. An object that was deliberately released at a region
+        counts as placed there in any posture.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -317,7 +318,7 @@ class EpisodeAnalysis:
         """Return the region at which an object was set down in any posture, or None.
 
         The gripper released it there, or the object already stood there when the closed gripper lost it or dragged it
-        off. If the object is in a requested region, or about as near to a requested region, that region was intended.
+        away. If the object is in a requested region, or about as near to one, the requested region was intended.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
@@ -350,9 +351,9 @@ class EpisodeAnalysis:
         return None if any(gap <= away + DOUBT for gap in asked) else found
 
     def _set_down_before(self, step: Step, i: int, gone: int) -> tuple[int, ...]:
-        """Return the row at which a carried object first stood on something between the fingers, as a tuple, or none.
+        """Return the row, as a tuple of at most one, at which a carried object first stood on a support while held.
 
-        A jar that jams at a hole stands there, although the closed gripper drags it off afterwards.
+        A jar that jams at a hole stands there, although the closed gripper drags it away afterward.
         """
         trace, time = self.trace, self.trace.steps(THRESHOLDS.stop_time)
         carried = np.flatnonzero(trace.held[step.grasp.end : gone] == i)
@@ -380,7 +381,7 @@ class EpisodeAnalysis:
         return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return the wrong region in which a correct object was put, with the release row and the rest row.
+        """Return the wrong region in which a correct object was placed, with the rows of release and rest.
 
         Returns:
             The rows and the region. None if the object was put in the right region, then or later, or in no region of
@@ -391,7 +392,7 @@ class EpisodeAnalysis:
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the attempt with which a repeated grasp of one object ended: the first that lifted it, or the last."""
+        """Return the decisive one of repeated attempts at an object: the first that lifted it, or the last."""
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -401,7 +402,7 @@ class EpisodeAnalysis:
         return step
 
     def taken_for(self, step: Step) -> int | None:
-        """Return the subgoal of another object in whose target region an object was put, or None."""
+        """Return the subgoal of another object whose target region received the object, or None."""
         found, i = self.put_down(step), step.grasp.object
         if found is None or i not in self.asked_indices:
             return None
@@ -418,7 +419,7 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training had objects of this kind, except this object's start slot."""
+        """Return the slots with objects of this kind in training, except the start slot of this object."""
         info, start = self.trace.info, self.trace.positions[0, i, :2]
         trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
         return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
@@ -433,7 +434,7 @@ class EpisodeAnalysis:
         shared: tuple[str, ...] = (),
         candidates: tuple[str, ...] = (),
     ) -> Evidence:
-        """Return evidence for a span of rows and object indices; its text ends with time, position and instruction."""
+        """Return evidence for row spans and objects, with time, position and instruction appended to its text."""
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"{float(time[first]):.1f} s"]
@@ -448,7 +449,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the instruction words for the current steps at a row, with the kinds to which they refer."""
+        """Return the instruction words of the due steps at a row, with the object kinds to which they refer."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "nothing"
@@ -496,7 +497,7 @@ class EpisodeAnalysis:
         return place_words(self.kind(target), region)
 
     def asked_where(self, step: Step) -> str:
-        """Return a phrase for the target region that was requested for the object of an attempt."""
+        """Return a phrase for the target region requested for the object of an attempt."""
         if step.goal is None:
             return "elsewhere"
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
@@ -512,7 +513,7 @@ class EpisodeAnalysis:
         return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
-        """Return a phrase for the objects that were requested at the time of an attempt."""
+        """Return a phrase for the objects requested at the time of an attempt."""
         if step.goal is None:
             return "nothing was left to do"
         return f"the instruction asks for {self.asked_words(step.goal)}"
@@ -520,10 +521,8 @@ class EpisodeAnalysis:
     def intended(self) -> tuple[int, ...]:
         """Return the objects for which the first attempt would be right.
 
-        If the attempt was right, its object comes first.
-
-        The others are ordered by subgoal and then by slot, so that neither their names nor their order in the scene
-        matters.
+        The attempted object comes first if it is right. The others are ordered by subgoal and then by slot, so that
+        neither names nor scene order matter.
         """
         if self.condition.expected is Expected.STAY_STILL:
             return ()
@@ -537,9 +536,9 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt was at a requested object, or no forbidden one was made (suite, section 4).
+        """Return whether the first attempt was right, or rightly absent (suite, section 4).
 
-        A wrong drawer is a wrong attempt, whatever is grasped afterward.
+        An attempt at a wrong drawer is wrong, whatever is grasped afterward.
 
         Returns:
             None if this cannot be decided: the first closing was on nothing between two objects, or every closing was
@@ -557,10 +556,10 @@ class EpisodeAnalysis:
         return None if first.between is not None else first.target is AttemptTarget.ASKED
 
     def progress(self) -> float:
-        """Return the number of subgoals completed in a valid order, divided by the number requested (suite, section 4).
+        """Return the fraction of the requested subgoals that were completed in a valid order (suite, section 4).
 
-        If refusing is right, subgoals that cannot be achieved are excluded. If staying still is right, subgoals that
-        were done at the start must still be done at the end.
+        If the policy should refuse, unachievable subgoals are excluded. If it should stay still, the subgoals done at
+        the start must still be done at the end.
         """
         done = self.trace.done
         if self.condition.expected is Expected.STAY_STILL:
@@ -582,10 +581,10 @@ _Found = TypeVar("_Found")
 
 
 def once_per_episode(find: Callable[[EpisodeAnalysis], _Found]) -> Callable[[EpisodeAnalysis], _Found]:
-    """Return a function that computes its result once per episode, because several failure modes call it.
+    """Cache the result of a function per episode, because several failure modes call it.
 
-    Four modes look for the halt. The saving was too small to measure over 37 recorded trials of three policies (0.35 s
-    of CPU time, 2026-11-28).
+    Four modes look for a halt. The saving was too small to measure over 37 recorded trials of three policies (0.35 s of
+    CPU time, 2026-11-28).
     """
 
     @functools.wraps(find)
@@ -647,7 +646,7 @@ def _start(grasp: GraspAttempt) -> int:
 
 
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
-    """Return whether the gripper closed on nothing so far from an empty slot that it may have missed another object.
+    """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
     This is possible if an instructed object is about as near as the point at which demonstrations close in that slot,
     or at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. If
@@ -666,16 +665,16 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a right attempt: the objects requested now, and drawers that must be moved for them."""
+    """Return the objects of a right attempt: those requested now, and drawers that must be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return closings at instructed objects that are too weak to be grasp attempts but show an intention to grasp.
+    """Return gripper closings at instructed objects that are too weak for a grasp attempt but show the intention.
 
-    Either the fingers hardly moved although they were commanded to close for long, or they partly closed around the
-    object and opened again several times. Objects that also have a grasp attempt are excluded.
+    The fingers hardly moved despite a long command to close, or they partly closed around the object and opened again
+    several times. Objects that also have a grasp attempt are excluded.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -698,7 +697,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Return whether a gripper closed on nothing before it pushes a drawer shut, which needs a closed gripper."""
+    """Return whether a gripper closed on nothing in order to push a drawer shut, which requires a closed gripper."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -713,7 +712,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether a grasp attempt at another object follows a push: the pushed object was only in the way."""
+    """Return whether a grasp attempt at another object follows a push, whose object was then only in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
@@ -724,9 +723,9 @@ def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, .
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
-    """Return the subgoals that are not reached at a row and still have an object on the table.
+    """Return the subgoals not reached at a row that still have an object on the table.
 
-    A drawer that must be closed over an object is the next step once the object is inside.
+    Closing a drawer over an object becomes the next step once the object is inside.
     """
     reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
@@ -766,7 +765,7 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 
 
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
-    """Return the target drawer of a subgoal if an attempt grasped it and did not push it in, else an empty set."""
+    """Return the target drawer of a subgoal if an attempt grasped it without pushing it in, else an empty set."""
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
@@ -774,7 +773,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object that was missed when the gripper closed on nothing, or the instructed object if in doubt."""
+    """Return the object missed when the gripper closed on nothing; in case of doubt, the instructed object."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -785,7 +784,7 @@ def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
 def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
-    """Return an attempt, compared with the due steps; ``at`` is the object of an attempt without a grasp."""
+    """Compare an attempt with the due steps; ``at`` is the object of an attempt without a grasp."""
     step = _compared(trace, instruction, known, grasp, at=at, chosen=grasp.start)
     if step.target is not AttemptTarget.LATER:
         return step
@@ -794,7 +793,7 @@ def _step(
 
 
 def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | None:
-    """Return the last row, shortly before a row, at which its due steps were still done, or None if there is none."""
+    """Return the last row, shortly before a row, at which the steps now due were still done, or None."""
     _, now = _due(trace, instruction, row)
     first = max(0, row - trace.steps(UNDONE_WITHIN))
     done = np.flatnonzero(trace.done[first:row, list(now)].all(axis=1)) if now else np.array([], int)
@@ -804,7 +803,7 @@ def _before_undone(trace: Trace, instruction: Instruction, row: int) -> int | No
 def _compared(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None, chosen: int
 ) -> Step:
-    """Return an attempt, compared with the steps that were due at the row at which it was chosen."""
+    """Compare an attempt with the steps that were due when its target was chosen."""
     row = grasp.start
     due, now = _due(trace, instruction, chosen)
     wanted = {g: _wanted(trace, g, chosen) | _drawn(trace, g, grasp) for g in due}
@@ -835,7 +834,7 @@ def _compared(
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
-    """Return the requested and another object if each finger comes down on one of them, or None.
+    """Return the requested object and another one if each finger came down on one of them, or None.
 
     An object that was lifted, or was between both fingers, was the only target.
     """
@@ -859,7 +858,7 @@ def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, 
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
-    """Return another object as near as the requested object when the gripper closed on nothing, or None."""
+    """Return another object that was as near as the requested one when the gripper closed on nothing, or None."""
     if grasp.object is not None or at is None:
         return None
     row = grasp.start

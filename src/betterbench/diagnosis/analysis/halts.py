@@ -1,4 +1,4 @@
-"""Halts: the arm is still or trembles in place until the end, although subgoals are open."""
+"""Halts: the arm stays still or trembles in place until the end although subgoals are open."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. A closing far from all objects counts
-    as an attempt, and no subgoal is open if its object is at the target when the arm comes to rest. If the arm trembles
-    in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. Closing the gripper far from all
+    objects counts as an attempt. A subgoal is not open if its object is at the target when the arm comes to rest. If
+    the arm trembles in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
-    A pause after which the arm continues is not a halt but slowness. A stop that is shorter than an earlier pause may
-    also be a pause. An arm that holds the right object at its target region, or has come down to it with open fingers,
-    has halted only if the arm does not move at all: otherwise the gripper fails to open, or to close.
+    A pause after which the arm continues is slowness, not a halt, and a final stop that is shorter than an earlier
+    pause may be a pause too. An arm that holds the right object at its target region, or has descended to it with open
+    fingers, has halted only if it does not move at all; otherwise, the gripper fails to open or to close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -53,7 +53,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that releases an object has not halted yet
         still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
-    for closing in episode.on_nothing:  # an arm that closes its gripper, wherever it is, has not halted yet
+    for closing in episode.on_nothing:  # an arm that closes its gripper anywhere has not halted yet
         still[closing.start : closing.end + 1] = False
     last = max(
         (*(_busy_until(trace, s) for s in episode.steps), *(closing.end for closing in episode.on_nothing)), default=-1
@@ -77,9 +77,10 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 
 @once_per_episode
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return the object that a closed gripper has held at its target region for long, until the end, or None.
+    """Return the object that a closed gripper has held at its target region for long until the end, or None.
 
-    The object may be on the target, between the fingers. An object that is still being lowered does not count.
+    The object may already stand on the target, between the fingers. An object that is still being lowered does not
+    count.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -99,7 +100,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
-    """Return the rows, after a given row, at which an object is at or over its target region in a subgoal."""
+    """Return the rows after a row at which an object is at or over its target region in a subgoal."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
     middle = place_middle(target, goal.relation, goal.region)
@@ -114,14 +115,14 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
 
 
 def _usual(pauses: list[int], long: int) -> float:
-    """Return the longest plausible pause of a policy, in rows; several long pauses make a longer pause plausible."""
+    """Return the longest plausible pause of a policy [rows]; several long pauses make longer pauses plausible."""
     return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
-    """Return the first row, in a sufficiently long slow stretch, from which the arm stays in place until the end.
+    """Return the first row of a sufficiently long slow stretch from which the arm stays in place until the end.
 
-    The arm may have slowed down before it came to rest.
+    The arm may slow down before it comes to rest.
     """
     last = stop - trace.steps(THRESHOLDS.halt_time)
     if start <= last and _stays(trace, start):
@@ -131,7 +132,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return a row from which the arm moves in place until the end for long enough, otherwise the number of rows."""
+    """Return a row from which the arm moves in place until the end for long enough, or else the number of rows."""
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if _stays(trace, begin):
             return begin
@@ -145,9 +146,9 @@ def _stays(trace: Trace, begin: int, *, within: float = HALT_RADIUS) -> bool:
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
-    """Return the last row at which an attempt shows that the arm had not halted yet.
+    """Return the last row at which an attempt shows that the arm has not halted.
 
-    This is the end of the grasp, or the release of an object that was carried further.
+    This is the end of a grasp, or the release of an object that was carried on.
     """
     release = step.grasp.release
     if not step.grasp.secured or release >= trace.rows:

@@ -1,4 +1,4 @@
-"""Harm in a record: changes to uninstructed objects, which rule out success, with their times."""
+"""Harm in a record: changes to objects outside the instruction, which rule out success, with their times."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from betterbench.tasks.judging.targets import Asked, Targets
 from betterbench.tasks.thresholds import DISPLACED, LEFT_OPEN, TARGET_MOVED, TURNED
 
 FINAL = frozenset({"turned", "target_moved", "left_open"})
-"""Sorts of harm that count only if they are present in the last state."""
+"""Kinds of harm that count only if they are present in the last state."""
 
 
 class DatedHarm(NamedTuple):
-    """A harm with the row at which it first shows; for an object left at a wrong target, this is the last row."""
+    """Harm with the row at which it first appears; for an object left at a wrong target, the last row."""
 
     row: int
     harm: Harm
 
 
 def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
-    """Return all harm that a record shows, in order of time.
+    """Return all harm in a record, in time order.
 
-    The goal tracker judges the rows that can change its verdict. Objects are identified by kind and slot as in the
-    trace, so their names do not matter.
+    The goal tracker judges the rows that can change its verdict. As in the trace, objects are identified by kind and
+    slot, so their names do not matter.
     """
     info, template = trace.info, get_task(condition.task).template
     asked = tuple(
@@ -59,7 +59,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _out_of_place_since(trace: Trace, i: int, harm: Harm) -> int | None:
-    """Return the row after which an object stays as it is in the last state: turned, moved away or open."""
+    """Return the row after which an object remains turned, moved away or open, as in the last state."""
     if harm.sort != "turned":
         return _since(_moved(trace, i) > (TARGET_MOVED if harm.sort == "target_moved" else LEFT_OPEN))
     thing, turns = trace.info.objects[i], trace.quaternions[:, i]

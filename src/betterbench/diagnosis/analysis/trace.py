@@ -1,4 +1,4 @@
-"""Record as arrays, for the detectors of failure modes: columns by object, contacts and relations."""
+"""Trace: a record as arrays for the detectors of failure modes, with columns by object, contacts and relations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """Rows in which an object was in a given relation to a target, whether or not the instruction requested it.
+    """Rows in which an object was in some relation to a target, whether or not the instruction requested it.
 
     Attributes:
         place: Region of the target; "" if the target has only one region.
@@ -44,10 +44,9 @@ class Trace(Motion):
         whereabouts: Rows of each object in each target region; closed drawers are excluded.
         serves: (T, g, n) whether the object satisfies the subgoal's relation.
         done: (T, g) whether the subgoal is done: its relation is true, the object is released and at rest.
-        meant: Per subgoal the indices of the objects that satisfy it.
-        targets: Per subgoal its target's index.
-        drawers: For each drawer, its index, its cabinet's index, and the position of the closed drawer in the cabinet
-            frame.
+        meant: Indices of the objects that satisfy each subgoal.
+        targets: Index of the target of each subgoal.
+        drawers: Index of each drawer, index of its cabinet, and position of the closed drawer in the cabinet frame.
     """
 
     time: Floats
@@ -81,7 +80,7 @@ def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
 
 
 def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
-    """Return the arrays of a record that the detectors read.
+    """Return a record as arrays for the detectors.
 
     Args:
         record: The record.

@@ -1,1 +1,1 @@
-"""Measures over many trials: a run's metrics, and the confusion and power matrices of the diagnosis."""
+"""Measures over many trials: the metrics of a run, and the confusion and power matrices of the diagnosis."""

@@ -57,12 +57,12 @@ def packaged_file(family: str) -> str:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One trial of a faulty policy with its true label and its diagnosed label.
+    """Trial of a faulty policy with its true label and its diagnosed label.
 
     Attributes:
         trial: Key of the trial ("fast_food/T1/3").
         truth: True label.
-        fault: The policy's wrong decision, as the policy states it.
+        fault: Wrong decision, as stated by the policy itself.
         grasped: Whether the record contains a grasp attempt, which shows the decision.
         honest: Whether the policy has no fault.
         debatable: Reason why a careful reader of the suite might assign another label; "" if there is none.
@@ -109,11 +109,11 @@ class Calibration:
     """Measured accuracy of a diagnosis on policies with known faults.
 
     Attributes:
-        policies: Per policy, its correctly labeled trials out of all its trials.
+        policies: Correctly labeled trials out of all trials, per policy.
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
         without_grasp: Correctly labeled trials, out of the failed trials without a grasp attempt.
         accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
-        left_out: Number of trials that are no evidence about the policy's fault and are not judged.
+        left_out: Number of trials that are not judged, because they show nothing about the policy's fault.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -178,7 +178,7 @@ class Calibration:
         return tuple(label for label in all_labels() if label in met)
 
     def scores(self) -> tuple[LabelScore, ...]:
-        """Return recall and precision for every label that is some trial's true label."""
+        """Return recall and precision for every label that occurs as a true label."""
         scores = []
         for label in self.labels:
             deserved = sum(n for (truth, _), n in self.counts.items() if truth is label)
@@ -255,7 +255,7 @@ _FILE = TypeAdapter(_File)
 
 
 def packaged_calibration(family: str = "faulty") -> Calibration | None:
-    """Return the calibration of a policy family that ships with the package, or None if this build has none.
+    """Return the packaged calibration of a policy family, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.

@@ -1,4 +1,4 @@
-"""Form of a label in a file: its name."""
+"""Representation of a label in files, by its name."""
 
 from typing import Annotated
 

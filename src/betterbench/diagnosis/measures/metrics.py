@@ -31,7 +31,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 Trials = Sequence[TrialDiagnosis]
 
 ANYTIME = "anytime-valid"
-"""Method of an interval that is valid at any stopping time."""
+"""Name of the interval method that is valid at any stopping time."""
 
 _Rates = tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...]
 
@@ -44,11 +44,9 @@ _RATES: _Rates = (
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
     ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials. A trial without a record is neither a success nor a correct intention, and stays in the
-denominator.
-
-A success with a needless step contains a step of training that was not requested, such as a replayed grasp at an
-emptied slot. It is also a success. Collisions are collisions with fixtures; they do not rule out success.
+"""Rates over planned trials. A trial without a record counts neither as success nor as correct intention, but stays in
+the denominator. A success with a needless step is a success that contains an unrequested step of training, such as a
+grasp at an emptied slot. Collisions are collisions with fixtures; they do not rule out success.
 """
 
 _UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
@@ -88,7 +86,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
 
 def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
-    """Yield rates, distractor grasp rate and progress of one condition, valid whenever its trials stopped."""
+    """Yield rates, distractor grasp rate and progress of one condition, with intervals valid at any stopping time."""
     results = [a.result for t in trials for a in t.attempts if a.result != "null"]
     counted = [(name, [shows(t) for t in trials]) for name, shows in rates]
     counted.append(("distractor_grasp_rate", [result == "distractor" for result in results]))
@@ -121,7 +119,7 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 
 
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
-    """Return every trial of a variation with its counterfactual twin, if both are finished."""
+    """Return every variation trial with its counterfactual twin, if both are finished."""
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     by_key = {t.key: t for t in ended if t.variation is None}
     return [(by_key[t.twin_key], t) for t in ended if t.twin_key is not None and t.twin_key in by_key]
@@ -162,9 +160,10 @@ def _success_rate(trials: Trials) -> Rate:
 
 
 def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
-    """Return the twins' SR minus the variations' SR; p-values are Holm-corrected within each kind of scope.
+    """Return the twins' success rate minus the variations' rate; p-values are Holm-corrected within each kind of scope.
 
-    ``stopped`` contains all trials of a run until decided, for the gaps of single variations; None for other runs.
+    ``stopped`` contains all trials of a run with ``--until-decided``, for the gaps of single variations; None for other
+    runs.
     """
     pairs = twins(trials)
     if not pairs:
@@ -192,7 +191,7 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
 
 
 def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
-    """Yield the two success rates of an illusion gap over its pairs: first the twins' rate, then the variations' rate.
+    """Yield the two success rates of an illusion gap over its pairs: the twins' rate, then the variations' rate.
 
     A twin of several variations counts in each of its pairs. The interval uses the effective number of independent
     pairs (Kish: the squared number of pairs divided by the sum of the squared numbers per twin).
@@ -224,7 +223,7 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
     names = [twin.key for twin, _ in pairs]
-    # The variants of a LIBERO-Plus task share one or a few twins: complete tasks are resampled.
+    # The variants of a LIBERO-Plus task share one or a few twins, so complete tasks are resampled.
     once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,

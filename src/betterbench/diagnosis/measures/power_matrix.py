@@ -1,8 +1,8 @@
 """Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
 
-Pretenders are policies without the tested ability. A success rate is evidence of the ability only if it exceeds the
-success rates of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the package.
-This module reads it and never starts a simulator.
+Pretenders are policies that lack the tested ability. A success rate is evidence of the ability only if it exceeds those
+of the pretenders. The matrix is measured once (``better calibrate --power``) and ships with the package. This module
+reads it and never starts a simulator.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, in the folder ``data``."""
 EXPERT = "expert"
 STOPPING_AT_NEWS = "zoo:halt"
-"""The rule that stops at every new combination of instruction and scene. It fails every variation alike."""
+"""Rule that stops at every new combination of instruction and scene, so it fails every variation."""
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
-"""The pretenders without vision or without the instruction. The last two move without looking."""
+"""Pretenders without vision or without the instruction. The last two move without looking."""
 FLOOR = ("random", "noop")
 """Pretenders that need no demonstrations."""
 
@@ -49,7 +49,7 @@ Key = tuple[str, str]
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return what to do to get the power matrix of tasks, as the end of a sentence without a full stop."""
+    """Return how to get the power matrix of some tasks, as the end of a sentence without a period."""
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -71,9 +71,9 @@ class PowerCell:
         k: Number of trials that succeeded.
         n: Number of trials.
         right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Trials that were not simulated again, because the rule decided like the expert throughout. They copy the
+        shared: Trials that were not simulated because the rule decided like the expert throughout; they take over the
             expert's outcome.
-        wrong: Trials per label of the first wrong decision, for a policy that reports its decisions.
+        wrong: Trials by label of the first wrong decision, for policies that report their decisions.
         failed: Number of trials with a wrong decision that did not succeed.
     """
 
@@ -103,10 +103,10 @@ class PowerCell:
 
 @dataclass(frozen=True, slots=True)
 class BlindCell:
-    """Results of a pretender with a missing input on one variation that requires an action.
+    """Results of a pretender that lacks an input, on one variation that requires an action.
 
     Attributes:
-        chance: Expected success rate: of guessing the instruction, or of a replay under jittered poses.
+        chance: Expected success rate of guessing the instruction, or of a replay under jittered poses.
         p_value: Two-sided exact binomial test against that rate.
         p_adjusted: The p-value, Holm-corrected over all cells.
     """
@@ -131,13 +131,13 @@ class BlindCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether only one instruction makes sense in the scene, so the instruction is redundant."""
+        """Whether only one instruction makes sense in the scene, so that the instruction is redundant."""
         return self.chance >= 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """The best success rate on a variation among the pretenders that the variation is designed to expose."""
+    """Best success rate on a variation among the pretenders that it is designed to expose."""
 
     pretender: str
     rate: Rate
@@ -178,7 +178,7 @@ class PowerMatrix:
         return self.cells.get(pretender, {}).get(key)
 
     def backed(self, key: Key) -> frozenset[Label]:
-        """Return the labels that some rule receives on a variation that the rule fails."""
+        """Return the labels for which there is a rule that earns the label on a variation and fails it."""
         found: set[Label] = set()
         for name in self.rules:
             cell = self.cell(name, key)
@@ -187,9 +187,9 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose: they fail it by decisions with a claimed label.
+        """Return the rules that a variation claims to expose, which fail it by decisions with a claimed label.
 
-        A rule that passes with a needless step is not exposed by its success rate, so it is not claimed.
+        A rule that passes with a needless step is not claimed, because its success rate does not expose it.
         """
         claims = {label.value for label in exposed_labels(*key)}
         return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
@@ -222,9 +222,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Return every cell of the pretenders with a missing input, tested against the expected rate.
+        """Return every cell of the pretenders that lack an input, tested against the expected rate.
 
-        Variations in which doing nothing is right are left out, because a pretender that does nothing would pass them.
+        Variations in which doing nothing is right are excluded, because a pretender that does nothing would pass them.
         """
         found = []
         for name in (*BLIND, *FLOOR):
@@ -365,7 +365,7 @@ def task_versions(task: Task) -> dict[str, str]:
 
 
 def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix that comes with tasks: that in the folder of their suite, or the packaged one.
+    """Return the power matrix of some tasks, from the folder of their suite or from the package.
 
     Raises:
         RecordError: If it is corrupt.
@@ -375,7 +375,7 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
 
 
 def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
-    """Return the power matrix that comes with tasks without all other tasks, or None if no blind probe tried them.
+    """Return the power matrix restricted to some tasks, or None if no blind probe was run on them.
 
     Without tasks, the result is the packaged matrix.
 
@@ -392,7 +392,7 @@ def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
 
 @cache
 def packaged_power_matrix() -> PowerMatrix | None:
-    """Return the power matrix that ships with the package, or None if this build has none.
+    """Return the packaged power matrix, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.

@@ -1,4 +1,4 @@
-"""Comparison of a policy with the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
+"""Standing of a policy among the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Agreement between the outcomes of a pretender and a policy's outcomes.
+    """Agreement between the outcomes of a pretender and of a policy.
 
     Attributes:
         agreement: Share of the run's trials with the same outcome (success or failure).
@@ -70,8 +70,8 @@ class Standing:
 
     Attributes:
         scores: The policy's success rates over the variations that the matrix covers, by scope.
-        lines: One reference line per pretender and one for the expert, the best overall first.
-        likenesses: Agreement with each pretender, the nearest first; without the expert.
+        lines: Reference lines of the pretenders and the expert, best overall first.
+        likenesses: Agreement with each pretender, nearest first, without the expert.
         expert: Agreement with the expert, or None without a matrix.
         margins: One margin per variation that is in both the run and the matrix.
         covered: Trials of the run that the matrix covers, and the total number of variation trials.
@@ -93,13 +93,13 @@ class Standing:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """The other pretenders with the same agreement as the nearest pretender."""
+        """Other pretenders that tie with the nearest one."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 
     @property
     def proven(self) -> Rate:
-        """Variations with a margin interval above zero, out of all that are not control cells."""
+        """Variations whose margin interval is above zero, out of all except control cells."""
         counted = [m for m in self.margins if not m.control]
         return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
 
@@ -127,7 +127,7 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
 
     For a run until decided, only the trials of the first round count. Tasks that have changed since the matrix was
     measured, and tasks that the matrix does not contain, are left out and named in the notice. An unreadable matrix is
-    reported in the notice; nothing is raised.
+    reported in the notice and not raised.
 
     Args:
         diagnosis: The run.

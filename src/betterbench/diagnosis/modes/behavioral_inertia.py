@@ -1,4 +1,4 @@
-"""Behavioral inertia: a step that is frequent in training is begun unrequested, or executed without its object."""
+"""Behavioral inertia: a frequent step of training is started without a request, or executed without its object."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the scene has the usual first step, target or slot of training without a request for it.
+    """Return whether the scene offers the usual first step, target or slot of training without a request for it.
 
     Grasps at an emptied slot are included if they replace a step, or if nothing may be grasped. They are excluded if
     another object is in a slot to which a word of the instruction led in training, because a first grasp there is
@@ -36,7 +36,7 @@ def _exposed(x: Exposure) -> bool:
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
         if relation(goal.relation).counted:
-            continue  # the object there determines the target region, wherever it is brought
+            continue  # the object there determines the target region, wherever it is taken
         asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
         for kind in x.kinds(goal):
             trained = x.trained.kind_targets.get(kind, ())
@@ -115,7 +115,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
-    """Return evidence if an attempt is at the kind with which most demonstrations begin, out of turn."""
+    """Return evidence if an attempt out of turn is at the kind with which most demonstrations begin."""
     kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
@@ -171,7 +171,7 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
         return None
     target, at_rest = episode.trace.targets[step.goal], trial.record.state(rest)
     if _is_right(at_rest, episode, i, step.goal):
-        return None  # the object was brought to the actual target, and fell over or is askew there
+        return None  # the object was brought to the actual target, but fell over or is askew there
     for slot in episode.slots_in_training(target):
         state = _as_if_at(at_rest, target, slot)
         if _is_right(state, episode, i, step.goal):
@@ -195,7 +195,7 @@ def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
 
 
 def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) -> bool:
-    """Return whether an object satisfies a subgoal, or is over the center of its region if contacts decide."""
+    """Return whether an object satisfies a subgoal or, if contacts decide, is over the center of its region."""
     wanted = episode.goals[goal]
     kind, name = relation(wanted.relation), episode.name(i)
     target = state.info.objects[episode.trace.targets[goal]]

@@ -46,14 +46,14 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""Description of the failed manipulation by evidence rule, after "It goes for the right objects, but"."""
+"""Descriptions of failed manipulation by evidence rule, to follow "It goes for the right objects, but"."""
 
 
 _UNTOLD = {
     "missed_between": "between two objects",
     "missed_by_far": "far from all objects",
 }
-"""Descriptions of a closing on nothing whose target is unknown, by evidence rule."""
+"""Descriptions of closing on nothing with an unknown target, by evidence rule."""
 
 
 def _untold(trial: TrialDiagnosis) -> str:
@@ -65,7 +65,7 @@ def _untold(trial: TrialDiagnosis) -> str:
 def _aims_right(trial: TrialDiagnosis) -> bool:
     """Return whether the first attempt or the evidence rule of a trial shows that the target was right.
 
-    Any object may be knocked over or brushed against, so those rules alone do not show the target.
+    Any object may be knocked over or brushed against, so the rules for that do not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
@@ -124,7 +124,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return evidence for an episode in which every step was right but the goal was missed."""
+    """Return evidence for an episode in which every attempt was right but the goal was missed."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
         text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
@@ -167,7 +167,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
         return None
     if not step.grasp.secured:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i] and not _tried_in_vain(episode, i):
-            return None  # the episode ended with the object between the fingers, too early to lift it
+            return None  # the episode ended with the object between the fingers, before it could be lifted
         if any(s.grasp.object == i and s.grasp.secured and s.grasp.start > step.grasp.start for s in episode.steps):
             return None  # a later grasp lifted it, so that grasp decides
         text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
@@ -176,7 +176,7 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
 
 
 def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
-    """Return evidence for a closing at the right target that did not grip it."""
+    """Return evidence if the gripper closed at the right target without gripping it."""
     kind, grasp, trace = episode.kind(i), step.grasp, episode.trace
     if trace.touched[grasp.start : grasp.release, i].any():
         text = f"The gripper closes slightly at the {kind}, the right target, and does not hold it."
@@ -189,7 +189,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return clauses on the contact of a closing between two objects and on the reason why its target is ambiguous."""
+    """Return clauses about a gripper that closes between two objects, and about why its target is ambiguous."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -244,7 +244,7 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper reached the right target closed, ran into it, or never closed far enough."""
+    """Return evidence if the gripper reached the right target closed, bumped into it, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
@@ -265,7 +265,7 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if a closed gripper meant to push a drawer shut leaves it open, or no longer moves it."""
+    """Return evidence if a closed gripper that pushes a drawer shut leaves it open or stops moving it."""
     trace, last = episode.trace, episode.trace.rows - 1
     if not episode.fists or find_halt(episode) is not None:
         return None
@@ -303,7 +303,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _brought_later(trial: TrialView, step: Step) -> bool:
-    """Return whether a later attempt for the same subgoal worked, and only the target region was wrong.
+    """Return whether a later attempt for the same subgoal succeeded, and only the target region was wrong.
 
     An object released high above the region may have landed there by accident, unless the target is a container.
     """
@@ -324,7 +324,7 @@ def _brought_later(trial: TrialView, step: Step) -> bool:
 
 
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
-    """Return whether a drawer ends as far open, or closed, as the step requires; false if it must still be shut."""
+    """Return whether a drawer ends as far open or closed as the step requires; false if it must still be shut."""
     trace = episode.trace
     if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
@@ -337,7 +337,7 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
     """Return evidence if the gripper released a drawer halfway and nothing moved it further."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
-        return None  # the episode ended with the gripper on the drawer
+        return None  # the episode ended while the gripper was on the drawer
     text = f"The gripper moves the {episode.kind(drawer)}, the right target, and leaves it halfway."
     return episode.at_step("drawer_left_halfway", text, step)
 
@@ -371,9 +371,9 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 
 
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
-    """Return whether an object was set down where it stood before the attempt, and the next attempt is a wrong one.
+    """Return whether an object was put back where it stood before the attempt, and the next attempt is wrong.
 
-    The manipulation did not fail: the policy gave the right object up for another one.
+    Then the manipulation did not fail; the policy abandoned the right object for another one.
     """
     trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
     if i is None or gone < step.grasp.release:
@@ -399,7 +399,8 @@ def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the gripper opened and the right target stayed on its open fingers until the end.
 
-    A mug can jam on the fingers. The policy has released the object, so an arm that rests afterwards has not halted.
+    For example, a mug can jam on the fingers. The policy has released the object, so an arm that rests afterward has
+    not halted.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     opened = int(np.flatnonzero(trace.closing)[-1]) + 1 if trace.closing.any() else 0
@@ -419,7 +420,7 @@ def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an object that the task needs was knocked over or off the table without being grasped."""
+    """Return evidence if a required object was knocked over or off the table without being grasped."""
     trace = episode.trace
     grasped = {s.at for s in episode.steps}
     needed = episode.asked_indices | {i for i, o in enumerate(trace.info.objects) if o.role == "container"}
@@ -442,8 +443,8 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if an unrequested object was moved; an attempt at the object is earlier evidence.
 
-    If the gripper knocks an object aside and then closes on it, the object was the target, so its harm counts from that
-    attempt on. A drawer that was opened for a wrong first choice counts from that choice on.
+    If the gripper knocks an object aside and then closes on it, the object was the target, and its harm is dated to
+    that attempt. A drawer opened for a wrong first choice is dated to that choice.
     """
     if not episode.harm:
         return None
@@ -478,7 +479,7 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an object that must not be touched was touched or moved without an attempt at it."""
+    """Return evidence if a forbidden object was touched or moved without an attempt at it."""
     wrong = any(step.target is not AttemptTarget.ASKED for step in episode.decisions)
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None

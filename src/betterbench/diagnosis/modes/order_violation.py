@@ -14,7 +14,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the goal requires an order that training never showed and no habit explains the violation."""
+    """Return whether the goal requires an order absent from training, and no habit explains the violation."""
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
     early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}
@@ -58,7 +58,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
-    """Return whether an attempt is at an object that followed a kind in some demonstration."""
+    """Return whether the attempted object followed a kind in some demonstration."""
     if step.at is None:
         return False
     pair = (done, episode.kind(step.at))

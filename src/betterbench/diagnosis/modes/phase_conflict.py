@@ -1,4 +1,4 @@
-"""Phase conflict: the policy does not recognize the due step, and freezes at the start or moves back and forth."""
+"""Phase conflict: the policy does not recognize the due step, so it freezes at the start or moves back and forth."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether a path leads only over objects that may be grasped now, and over at least two of them.
+    """Return whether a path passes only over objects that may be grasped now, and over at least two of them.
 
     Repeated visits to a single object count as moving back and forth if the scene looks half finished.
     """

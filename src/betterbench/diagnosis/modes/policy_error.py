@@ -1,4 +1,4 @@
-"""Policy error: the policy crashed, answered too late or sent an invalid action; never a reasoning failure."""
+"""Policy error, which is never a reasoning failure: the policy crashed, answered too late or sent an invalid action."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def label_without_record(reason: str | None) -> Label:
-    """Return the label of a planned trial without a record: unfinished, unless it broke down for a known reason."""
+    """Return the label of a planned trial without a record: unfinished, unless it failed to run for a known reason."""
     return Label.POLICY_ERROR if reason else Label.UNFINISHED
 
 

@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the gripper goes to an object that no instruction of the task says to move."""
+"""Semantic feature collapse: the gripper goes to an object that no instruction of the task asks to move."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def _likeness(shared: Sequence[str]) -> str:
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the properties that nearly all wrongly chosen objects share with the targets.
+    """Return a sentence about the properties that nearly all wrongly chosen objects share with the targets.
 
-    Objects that share nothing with the target are not look-alikes.
+    Objects that share none are not look-alikes.
     """
     unlike = sum(not trial.evidence.shared for trial in trials)
     if unlike > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -45,7 +45,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether an object that no instruction names is in a trained slot or has a target's color."""
+    """Return whether an object not named in any instruction is in a trained slot or has a target's color."""
     picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
     for o in x.test.objects:

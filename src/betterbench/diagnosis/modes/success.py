@@ -1,4 +1,4 @@
-"""The three success labels: the goal is met, nothing had to be done, or the instructed object is absent."""
+"""The three success labels: goal met, correctly still, and correct refusal without the instructed object."""
 
 from __future__ import annotations
 
@@ -52,4 +52,4 @@ SUCCESS_LABELS = {
     Expected.REFUSE: Label.CORRECT_REFUSAL,
     Expected.AMBIGUOUS: Label.CORRECT_REFUSAL,
 }
-"""The label of a success by expected behavior."""
+"""Success label by expected behavior."""

@@ -1,4 +1,4 @@
-"""Timeout: no wrong attempt was made, and the step limit is reached with subgoals open."""
+"""Timeout: the step limit is reached with open subgoals although no wrong attempt was made."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BY_MECHANISM = sharper_by_rule(
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on the cause of the delay, or that nearly all trials ended before the first attempt."""
+    """Return a sentence about the cause of the delay, or about nearly all trials ending before the first attempt."""
     never = sum(not trial.attempts for trial in trials)
     before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
     return _BY_MECHANISM(trials) or before
@@ -81,7 +81,7 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
-    """Return a clause on the policy's behavior at the step limit."""
+    """Return a clause about the policy's behavior at the step limit."""
     held = in_fingers(episode.trace, last)
     if held is not None:
         return f"with the {episode.kind(held)} in the gripper"

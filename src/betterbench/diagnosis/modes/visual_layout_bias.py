@@ -14,7 +14,7 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the slot picked for most words contains a known object that must not be picked now.
+    """Return whether the slot picked for most words in training contains a known object that must not be picked now.
 
     Objects that no instruction names are excluded, because an attempt at such an object shows another fault. An empty
     slot is excluded too, because a grasp there does no harm, unless nothing may be grasped.

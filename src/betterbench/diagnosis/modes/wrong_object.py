@@ -1,4 +1,4 @@
-"""Wrong object or place: another instruction of the task names it, and no more specific rule is proven."""
+"""Wrong object or target: another instruction of the task names it, and no more specific rule is proven."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on what nearly all trials have in common: a wrong target, or an object kind that comes first.
+    """Return a sentence about what nearly all trials have in common: a wrong target, or an object kind attempted first.
 
     An object kind is named only if the instructed kinds differ.
     """

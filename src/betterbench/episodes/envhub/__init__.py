@@ -1,4 +1,4 @@
-"""The environment hub: the entry point through which LeRobot finds our tasks.
+"""Integration with LeRobot's environment hub.
 
 - ``env.py`` is a complete hub package: upload it unchanged, and LeRobot's ``make_env("you/better")`` finds our tasks.
 - ``config.py`` registers ``--env.type=betterbench`` for the commands of LeRobot with

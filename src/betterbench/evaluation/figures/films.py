@@ -39,7 +39,7 @@ def render_shots(
     quality: str = "standard",
     on_progress: OnCount | None = None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot, of ``size`` pixels on each side. Shots of the same scene share a model.
+    """Return one JPEG per shot, with sides of ``size`` pixels. Shots of the same scene share a model.
 
     Another world draws the images of its own runs; LIBERO uses its front camera.
 
@@ -77,7 +77,7 @@ def _world_shots(
     size: int,
     on_progress: OnCount | None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot of a run in a world that draws its own images."""
+    """Return one JPEG per shot of a run in a world that renders its own images."""
     ordered = sorted(shots, key=lambda shot: (shot.task, shot.condition))
     rows = [records[s.task, s.condition, s.seed] for s in ordered]
     wanted = [

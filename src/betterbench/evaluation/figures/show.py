@@ -80,12 +80,12 @@ def card_title(variation: Variation) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return a text without arrows, which the built-in font does not have."""
+    """Replace arrows in a text, which the built-in font lacks."""
     return text.replace("→", ">")
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
-    """Return an image as PNG or JPEG, chosen by the suffix of the name, with a comment in the header."""
+    """Encode an image as PNG or JPEG, depending on the suffix of the name, with a comment in the header."""
     buffer = io.BytesIO()
     if suffix.lower() == ".png":
         texts = PngInfo()
@@ -108,7 +108,7 @@ def show_training(
 
 
 def show_card(task_id: str, *, seed: int = 0, size: int = 256, columns: int = 4) -> Image.Image:
-    """Return a card of a task: the first training condition of each layout, and the test scenes of all variations."""
+    """Return the card of a task: the first training condition of each layout, and the test scenes of all variations."""
     task = get_task(task_id)
     layouts = {tuple(sorted(c.layout.items())): c for c in reversed(task.training)}
     shown = [c for c in task.training if c in layouts.values()]

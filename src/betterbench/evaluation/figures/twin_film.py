@@ -34,7 +34,7 @@ _HOLD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin video: a trial from a run, with heading and outcome.
+    """One side of a twin video: a trial of a run, with heading and outcome.
 
     Attributes:
         heading: Title of the side ("this trial, fast_food/T1/3").
@@ -78,7 +78,7 @@ class FilmLook:
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """Video as H.264 in MP4, with its first image as JPEG: the start of both trials with their complete paths."""
+    """Video (H.264 in MP4) with its cover image as JPEG: the start of both trials with their complete paths."""
 
     clip: bytes
     still: bytes

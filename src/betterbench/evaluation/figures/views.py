@@ -26,7 +26,7 @@ JPEG_QUALITY = 92
 
 _ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
-"""Points of a bounding box as fractions of its size, relative to the center of its bottom face."""
+"""Sample points of a bounding box as fractions of its size, relative to the center of its bottom face."""
 
 
 class CameraPhoto(NamedTuple):
@@ -70,7 +70,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row from every camera requested so far, because the other cameras are usually requested next."""
+        """Render a row from every camera requested so far, because the others are usually requested right after."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -89,7 +89,7 @@ class ViewRenderer:
 
 
 def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
-    """Return the camera of a sight from its position and quaternion; see ``sight_type``."""
+    """Return the camera of a view from its position and quaternion; see ``sight_type``."""
     x, y, z, qw, qx, qy, qz = placed.tolist()
     half = 0.5 * (size - 1)
     K = np.array([[focal_px, 0.0, half], [0.0, focal_px, half], [0.0, 0.0, 1.0]])

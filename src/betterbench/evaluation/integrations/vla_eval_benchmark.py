@@ -1,4 +1,4 @@
-"""The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` runs tasks, ``better report`` explains results.
+"""Benchmark for vla-evaluation-harness: ``vla-eval run`` runs our tasks, and ``better report`` explains the results.
 
 The harness controls the loop, the model server and its own result file. In addition, the benchmark writes a run folder
 with the records of ``better eval``. Every condition is one task of the harness; its episode i is the trial with seed
@@ -149,7 +149,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Begin a trial of one of the tasks from :meth:`get_tasks`, with the episode number.
+        """Begin the trial with an episode number in one of the tasks of :meth:`get_tasks`.
 
         Raises:
             InvalidInputError: If the episode has no trial in the plan.

@@ -31,7 +31,7 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return the format of actions by component. Formats unknown to the harness keep betterbench's name."""
+    """Return the action format by component. Formats unknown to the harness keep their betterbench name."""
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):

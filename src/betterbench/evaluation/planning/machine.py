@@ -1,4 +1,4 @@
-"""Description of this machine, read from system files without running other programs."""
+"""Description of this machine, read from system files without running programs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def describe_renderer() -> dict[str, str]:
 def package_lock() -> tuple[str, ...]:
     """Return name and version of every installed distribution that betterbench may use ("numpy==2.3.1"), sorted.
 
-    Reading the metadata of about a hundred distributions takes 0.1 s; a process uses what it read at its start.
+    Reading the metadata of about a hundred distributions takes 0.1 s, so each process reads it only once.
     """
     found: dict[str, str] = {}
     waiting = [_DISTRIBUTION]

@@ -1,7 +1,7 @@
-"""Run manifest: the context at its start.
+"""Run manifest: the context at the start of a run, stored in ``run.json``.
 
-The context is stored in ``run.json``. Because another machine may resume a run, only one part is compared then: the
-policy's declaration, since another checkpoint behind the same address would mix two policies in one run.
+Because another machine may resume a run, only one part is compared then: the policy's declaration, since another
+checkpoint behind the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -65,10 +65,7 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return the first difference between a policy's declaration and the declaration in a run.
-
-    Returns None if no difference is known.
-    """
+    """Return the first known difference between a policy's declaration and the one stored in a run, or None."""
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):

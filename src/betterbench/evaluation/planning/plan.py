@@ -24,10 +24,10 @@ from betterbench.version import __version__
 PLAN_VERSION = 1
 
 MAX_TRIALS = 10_000
-"""Maximum number of trials per variation; 1.2 million trials in the full suite, which take weeks."""
+"""Maximum number of trials per variation. The full suite then has 1.2 million trials, which take weeks."""
 
 MAX_SEED = 2**31 - 1
-"""Largest first seed: clients and servers of other protocols store it in 32 bits."""
+"""Largest first seed; clients and servers of other protocols store seeds in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Plan:
     world: World = OWN_WORLD
 
     def __post_init__(self) -> None:
-        """Check the robot of each task, and with ``until_decided`` every pair: a variation and its twin, all seeds."""
+        """Check the robot of each task and, with ``until_decided``, that each variation has its twin with all seeds."""
         self._require_robot()
         if self.until_decided is None:
             return
@@ -95,7 +95,7 @@ class Plan:
 
     @property
     def scene_options(self) -> SceneOptions:
-        """Scene options (quality, robot, looks) that only some worlds support."""
+        """Scene options (quality, robot, looks) supported only by some worlds."""
         return SceneOptions(self.quality, self.robot, self.looks)
 
 
@@ -169,7 +169,7 @@ def named_trial(task: str, condition: str | None = None, seed: int = 0) -> Trial
 
 
 def plan_extent(plan: Plan) -> tuple[int, int]:
-    """Return a plan's first seed and its trials per variation, as ``better eval`` options."""
+    """Return the first seed and the trials per variation of a plan as ``better eval`` options."""
     seeds = [t.seed for t in plan.trials]
     counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
     return min(seeds), max(counts.values(), default=len(set(seeds)))

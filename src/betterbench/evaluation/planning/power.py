@@ -9,7 +9,7 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
-"""Assumed share of opposite pairs, for the second figure of :func:`what_trials_show`.
+"""Assumed share of pairs that differ in the opposite direction, for the second figure of :func:`what_trials_show`.
 
 Two policies usually fail on different trials; the first figure holds if one policy fails on a subset of the other's
 failures.
@@ -17,7 +17,7 @@ failures.
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return the drops that a plan's trials can and cannot detect, overall, within an axis and within a variation."""
+    """Describe the drops that a plan's trials can and cannot detect, overall, per axis and per variation."""
     varied = [t for t in plan.trials if t.variation is not None]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
@@ -52,7 +52,7 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a short sentence with the smallest drop over all variations that a plan's trials can detect."""
+    """Return a short sentence about the smallest drop over all variations that a plan can detect."""
     pairs = sum(t.variation is not None for t in plan.trials)
     if not pairs:
         return "None tests a variation: the trials only show how well the training conditions were learned."

@@ -1,4 +1,4 @@
-"""Repetition of a run from the plan in its ``run.json``, after checking for differences that would change results."""
+"""Repetition of a run from its ``run.json``, after checking for differences that would change results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Plan entries that are not compared, because they are read back or cannot change results by themselves."""
+"""Plan entries excluded from the comparison, because they are read back or cannot change results by themselves."""
 
 
 @open_form
@@ -62,7 +62,7 @@ _PLAN = TypeAdapter(_Plan)
 def repeated_plan(
     path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
 ) -> Plan:
-    """Return a run's plan, to repeat its trials, seeds and conventions with the same or another policy.
+    """Return the plan of a run, to repeat its trials, seeds and conventions with the same or another policy.
 
     ``path`` is the run's folder or ``run.json``. With ``trust``, the run's own policy may run code or send a key.
 

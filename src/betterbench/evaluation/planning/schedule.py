@@ -1,4 +1,4 @@
-"""Order of a plan's trials: all trials, or rounds until every variation is decided."""
+"""Schedule of the trials in a plan: all at once, or in rounds until every variation is decided."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Order of a plan's trials. The next trials depend only on the plan and the outcomes so far.
+    """Schedule of the trials in a plan, which depends only on the plan and the outcomes so far.
 
     Attributes:
         plan: The plan.

@@ -55,7 +55,7 @@ class Convention:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """Image as the policy gets it, (height, width, 3) uint8, with its key and a note on its conversion."""
+    """Image as sent to the policy, (height, width, 3) uint8, with its key and a note on its conversion."""
 
     key: str
     image: np.ndarray
@@ -102,7 +102,7 @@ class PreflightCheck:
 
     @property
     def max_s(self) -> float:
-        """Longest time of a request after the first one [s]."""
+        """Maximum latency after the first request [s]."""
         return max(self.latencies_s)
 
     @property
@@ -152,7 +152,7 @@ def run_preflight(
 ) -> PreflightCheck:
     """Request a policy's actions at the start of a trial, with the presets of a planned run.
 
-    The action space is the policy's own if None, or the robot's usual one for a policy that answers in each. With
+    If None, the action space is the policy's own, or the robot's default for a policy that supports all of them. With
     ``proof``, a demonstration of the trial is replayed through a policy that uses observations
     (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with the declarations of both sides,
     before the comparison.
@@ -247,7 +247,7 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Return the first answer, (horizon, dim), its time, and the times of the later answers [s]."""
+    """Return the first answer, (horizon, dim), its latency, and the latencies of later answers [s]."""
     answers, times = [], []
     for _ in range(1 + REQUESTS):
         began = time.perf_counter()
@@ -270,7 +270,7 @@ def _ask_often(
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return this side's conventions and the policy's conventions; ``client`` is None for a privileged policy."""
+    """Return our conventions and those of the policy; ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)

@@ -1,6 +1,6 @@
-"""Replay proof: a policy gets a demonstration's observations, and its answers must follow the same path.
+"""Replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
 
-At every request, the policy gets the demonstration's observation. The path of its consecutive answers is compared with
+At every request, it gets the observation from the demonstration. The path of its consecutive answers is compared with
 the demonstration's path, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign, the
 path is stretched, rotated or mirrored; the factor of each axis shows by how much. The answers are also executed in a
 separate scene, which shows how far the end effector ends from the end of the demonstration.
@@ -36,12 +36,12 @@ LEAST_RANGE = {"m": 0.02, "rad": 0.05}
 """Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
 
 FOLLOWS = 0.7
-"""Minimum agreement for a policy that follows the demonstration: the cosine between its steps and the demonstration's
-steps, on each axis.
+"""Minimum agreement of a policy that follows the demonstration: cosine between its steps and those of the
+demonstration, on each axis.
 """
 
 PROVEN = 0.02
-"""Maximum distance of a factor from 1 that proves the conventions of its axis."""
+"""Maximum deviation of a factor from 1 at which the conventions of its axis count as proven."""
 
 WRONG = 1.5
 """Factor above which, or below whose inverse, the conventions of an axis are wrong."""
@@ -95,7 +95,7 @@ class ReplayProof:
 
     @property
     def follows(self) -> bool:
-        """Whether the policy moves like the demonstration along each axis, up to sign and scale."""
+        """Whether the policy moves along each axis like the demonstration, up to sign and scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
@@ -114,7 +114,7 @@ class ReplayProof:
 
     @property
     def verdict(self) -> str:
-        """Result of the proof in words, with a suggestion if conventions are wrong."""
+        """Sentence about the result, with a suggestion if conventions are wrong."""
         if not self.follows:
             return "inconclusive: the policy does not follow the demonstration"
         if self.is_proven:
@@ -249,7 +249,7 @@ class _Demonstration:
         self._expert = make_expert("expert", scene)
         self._limit = scene.task.step_limit(scene.condition)
         self._idle = 0
-        self._last = np.zeros(scene.action_space.dim)  # the rest of a delta; an absolute action differs from it
+        self._last = np.zeros(scene.action_space.dim)  # the remainder of a delta; an absolute action differs from it
 
     def is_over(self) -> bool:
         """Whether the expert has come to rest, or the trial has ended."""

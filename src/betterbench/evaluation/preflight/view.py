@@ -1,4 +1,4 @@
-"""Content of a preflight sheet: the policy's inputs, and the path that its answer takes in the scene."""
+"""Content of a preflight sheet: the inputs of the policy, and the path of its answer in the scene."""
 
 from __future__ import annotations
 

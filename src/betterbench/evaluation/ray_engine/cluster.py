@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
 
 PLACING_S = 300.0
-"""Maximum wait for free resources on the cluster, for the first worker or the replicas [s]. Loading may take longer."""
+"""Maximum wait for free cluster resources for the first worker or the replicas [s]. Loading may take longer."""
 
 _CONNECT_S = 10.0
 

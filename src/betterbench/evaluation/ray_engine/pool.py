@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 _CLOSE_S = 3.0
 _WAIT_S = 5.0
-_CALLS = 2  # one running and one queued call, so that a worker never waits for this process
+_CALLS = 2  # one running and one queued call, so that workers never wait for this process
 
 
 def ray_entries(
@@ -83,7 +83,7 @@ class _WorkerActor:
     trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
     placed: bool = False  # it has resources on the cluster
     ready: bool = False  # it has been prepared
-    alone: bool = False  # its only trial was assigned to a worker that died
+    alone: bool = False  # its only trial was running in a worker that died
     replica: int | None = None  # number of its replica of the policy
     broken: list[Trial] = field(default_factory=list)  # trials that have broken down
     envs: int = 1  # number of simultaneous trials, reported by the worker
@@ -158,7 +158,7 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Give a worker its share of the trials, and one more while many trials are left."""
+        """Assign a worker its share of the trials, plus one while many trials are left."""
         if not worker.ready:
             return
         if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):

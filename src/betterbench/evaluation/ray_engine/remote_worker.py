@@ -35,7 +35,7 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Report of a worker about the time since its last report.
+    """Progress report of a worker since its last report.
 
     Attributes:
         deliveries: Trials that have ended since the last report.
@@ -63,7 +63,7 @@ def versions_here() -> dict[str, str]:
 
 
 class RemoteWorker:
-    """Worker on another machine, without access to the run's folder, which delivers records as bytes.
+    """Worker on another machine, which has no access to the run folder and delivers records as bytes.
 
     The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes delivered files.
     """
@@ -140,7 +140,7 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call, leaving an empty file that prevents another write."""
+        """Return the scenes written since the last call, and replace each by an empty file to prevent another write."""
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):
             if path.stat().st_size:

@@ -1,4 +1,4 @@
-"""Replicas: actors on a Ray cluster with copies of the policy, which answer a run's workers."""
+"""Replicas: actors on a Ray cluster that hold copies of the policy and serve the workers of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Maximum number of replaced replicas, after which the run stops as if the policy's server were unreachable."""
+"""Maximum number of replica replacements, after which the run stops as if the policy server were unreachable."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -88,7 +88,7 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until replicas have resources on the cluster, which is before they load the policy."""
+        """Wait until the replicas have resources on the cluster, before they load the policy."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(

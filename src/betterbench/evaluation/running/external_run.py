@@ -1,4 +1,4 @@
-"""External runs, in which your own loop gets observations and gives actions, with the records of ``better eval``."""
+"""External runs: your own loop gets observations and provides actions, and the records are those of ``better eval``."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ExternalRun:
         metadata: Mapping[str, str] | None = None,
         engine: str = "external",
     ) -> None:
-        """Create the run, or resume the run in the folder if it has the same plan.
+        """Create a run, or resume the run in the folder if its plan is the same.
 
         The plan's policy is the name of your policy in the report. Without ``needs_images``, no images are
         rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), parsed if it is a JSON
@@ -109,9 +109,8 @@ class ExternalRun:
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
         """Run a complete trial with a callable, and return its journal entry.
 
-        ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. If ``act`` raises an exception,
-        the trial ends as ``policy_error``, and the run can continue. Raises the errors of :meth:`begin` and
-        :meth:`act`.
+        ``act`` maps an observation to one action (dim,) or a chunk (horizon, dim). If ``act`` raises an exception, the
+        trial ends as ``policy_error``, and the run can continue. Raises the errors of :meth:`begin` and :meth:`act`.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:
@@ -225,7 +224,7 @@ class _Declared(PolicyFactory):
 
 
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
-    """Return the run, which several processes may open at once.
+    """Open or create the run, which several processes may open at once.
 
     An existing run is opened without its lock, because taking the lock removes partial records that another process may
     be writing.

@@ -10,11 +10,11 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of first trials that must end with the same error, too large for random failures."""
+"""Number of first trials that must end with the same error, large enough to rule out random failures."""
 
 
 class FailingStart:
-    """Watches the entries of a run and warns once if the first trials all have the same error.
+    """Monitor that warns once if the first trials of a run all end with the same error.
 
     The run continues, because a policy may really fail in every trial.
     """
@@ -30,7 +30,7 @@ class FailingStart:
         """Add the entry of a finished trial."""
         if self._over:
             return
-        # ignore numbers in a reason, which belong to the trial or the step
+        # ignore numbers in a reason, which depend on the trial or the step
         reason = None if entry.message is None else re.sub(r"\d+", "#", entry.message)
         if reason is None or self._reason not in (None, reason):
             self._over = True

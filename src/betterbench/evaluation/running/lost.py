@@ -1,4 +1,4 @@
-"""Trials whose record or scene is missing, damaged or wrong, which a resumed run repeats."""
+"""Detection of trials whose record or scene is missing, damaged or wrong, so that a resumed run repeats them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Mark finished trials that must be repeated in the journal, and return their number.
+    """Mark, in the journal, finished trials that must be repeated, and return their number.
 
     Unusable files are moved to ``RUN/set-aside`` and never deleted. Raises OSError if moving fails.
     """

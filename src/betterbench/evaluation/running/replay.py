@@ -26,7 +26,7 @@ MOST_DEVIATIONS = 6.0
 """Maximum plausible noise on an executed action, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata that depend on installed versions, whose differences are only notes."""
+"""Metadata that depend on installed versions; differences in them are only reported as notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def check_record(path: Path) -> ReplayCheck:
 
 
 def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object]) -> Scene:
-    """Return a record's scene, with the robot and render preset of the record or the plan, otherwise matching ones."""
+    """Return the scene of a record, with the robot and render preset of the record or plan, or else matching ones."""
     meta, planned = record.metadata, plan.get("quality")
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
     qualities = [named] if isinstance(named, str) and named in QUALITIES else [*QUALITIES]
@@ -118,7 +118,7 @@ def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object])
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
-    """Return the run of a record, after comparing the record with plan and journal, or None for a record outside a run.
+    """Return the run of a record after checking the record against plan and journal; None for a record outside a run.
 
     Raises RecordError if they differ or the record is not at its path in the run.
     """
@@ -138,7 +138,10 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
 
 
 def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
-    """Return the replayed record in a scene, the last predicate values, and the first row with success, or None."""
+    """Replay a record in a scene.
+
+    Return the new record, the last predicate values, and the first row with success, or None.
+    """
     meta = record.metadata
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
@@ -161,7 +164,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        # reject actions that no policy may answer, even if they are only labels
+        # reject actions that no policy may send, even if they are only labels
         scene.action_space.clip(record.action[row])
         applied = scene.step(executed[row])
         state = scene.state()

@@ -85,7 +85,7 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not yet in the journal; with ``until_decided``, run only the required trials.
+    """Run every trial of a plan that is not yet in the journal; with ``until_decided``, only the required ones.
 
     Trials whose record is missing or damaged are run again. The policy's conventions are compared before anything
     is written. Results do not depend on the engine or the number of workers and environments.
@@ -165,7 +165,7 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
 
 
 def _restored(run: RunFolder, journal: Journal, needs: PolicyNeeds) -> bool:
-    """Rewrite removed files of the run, and return whether trials are lost."""
+    """Restore removed files of the run, and return whether trials are lost."""
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
         return (any(changed) or needs.process) and reopen_lost(run, journal) > 0
@@ -209,7 +209,7 @@ class _Asked:
 
     info: PolicyInfo
     envs: int  # default number per worker
-    policies: PolicyFactory | None = None  # may hold the queried instance; None if a host holds it
+    policies: PolicyFactory | None = None  # may hold the instance that was queried; None if a host holds it
     host: Host | None = None  # holds the policy for all workers
     shared: bool = False  # one instance serves several workers
     one_worker: bool = False  # otherwise, each worker would load the weights
@@ -229,7 +229,7 @@ def _ask_policy(
         info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
         return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
-        # A user's policy may hold weights. The policy is queried in a separate process, so that the weights are loaded
+        # A user's policy may hold weights. It is queried in a separate process, so that the weights are loaded
         # only there or, after that process has ended, in the workers.
         run = (plan.action_space, plan.observation)
         host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))

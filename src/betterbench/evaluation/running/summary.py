@@ -50,7 +50,7 @@ class PolicyService:
 
     Attributes:
         p50_s: Median over the trials of the median answer time [s].
-        max_s: Longest time of an answer [s].
+        max_s: Maximum time of an answer [s].
         concurrency: Average number of pending requests.
         retries: Number of repeated requests; None if the policy has no connection.
         reconnects: Number of reconnections; None if the policy has no connection.
@@ -64,7 +64,7 @@ class PolicyService:
 
 
 def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyService | None:
-    """Return the answer times for the trials of a session that took ``elapsed_s`` [s], or None if unknown."""
+    """Return the policy's answer times over the trials of a session that took ``elapsed_s`` [s], or None if unknown."""
     walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
     if not walls:
         return None
@@ -87,7 +87,7 @@ RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Parts of a run's duration."""
 
 WAITED = 0.2
-"""Share of the workers' time spent waiting, above which the policy is the bottleneck."""
+"""Share of the workers' time spent waiting above which the policy counts as the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True)

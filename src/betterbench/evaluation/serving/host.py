@@ -1,4 +1,4 @@
-"""Host: the process that serves a policy to all workers of a run with the openpi protocol.
+"""Host: process that serves a policy to all workers of a run over the openpi protocol.
 
 The policy runs in yet another process, so that a crash affects only the current trial.
 """
@@ -41,7 +41,7 @@ PATIENCE_S = 1800.0
 
 
 class Host:
-    """Host of one policy in a separate process. A context manager that starts and ends the process.
+    """Host of one policy in a separate process, which this context manager starts and ends.
 
     Attributes:
         takes_batches: Whether one instance serves all environments.
@@ -145,7 +145,7 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 
     An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
-    # The server enforces the deadline; this longer deadline covers a server that fails to. The first answer may have to
+    # The server enforces the deadline; this longer one covers a server that fails to. The first answer may have to
     # wait until weights are loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)

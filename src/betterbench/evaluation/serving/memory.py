@@ -7,7 +7,7 @@ import gc
 
 
 def return_memory() -> None:
-    """Return freed memory, which glibc's allocator would keep, to the system. Does nothing with other allocators."""
+    """Return freed memory to the system, which glibc's allocator would keep. Does nothing with other allocators."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

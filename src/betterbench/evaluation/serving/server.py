@@ -1,4 +1,4 @@
-"""Policy server with the openpi protocol, for a run's workers and for other clients."""
+"""Policy server with the openpi protocol, for the workers of a run and other clients."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ logger = logging.getLogger(__name__)
 
 WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
-"""Actions per answer of an expert. openpi's own policies for one arm send 5 to 16, at 10 to 20 Hz."""
+"""Number of actions per expert answer. openpi's own single-arm policies send 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
 MOST_CLIENTS = 10_000
 KEPT_INSTANCES = 1
 """Number of idle policy instances kept for new clients; others are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""Method by which a server detects the start of an episode, because the protocol has no message for it."""
+"""How a server detects the start of an episode, for which the protocol has no message."""
 
 
 def open_server(
@@ -162,9 +162,8 @@ def _shadow_metadata(
 class SessionStore:
     """Instances of a policy: one for all connections if it supports batches, otherwise one per connection.
 
-    An instance whose connection has ended serves the next connection, so a client that reconnects does not cause the
-    weights to be loaded again. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins
-    with a reset.
+    An instance whose connection has ended serves the next one, so that weights are not loaded again when a client
+    reconnects. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins with a reset.
     """
 
     def __init__(
@@ -240,7 +239,7 @@ def declare(
     """
     return {
         "betterbench": {
-            **more,  # comes first, so that a policy's own texts cannot replace a convention
+            **more,  # first, so that a policy's own texts cannot replace a convention
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],

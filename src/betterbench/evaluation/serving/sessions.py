@@ -1,4 +1,4 @@
-"""Sessions, which each answer one connection to a server of this package."""
+"""Sessions of the server, each of which serves one connection."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from betterbench.tasks.interventions import resolve_condition
 SAME_STATE = 2e-6
 """Maximum difference of two equal states [m, rad], because clients send float32."""
 ASTRAY = 1e-3
-"""Difference above which a client has not executed the answered actions [m, rad]."""
+"""Difference above which a client is considered not to have executed the answered actions [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
 """States of a request, each as (size,)."""
 
 
 class ShadowSession:
-    """Session of an expert's client, which finds trial and step and gets actions from a shadow simulation."""
+    """Session for a client of an expert, which identifies trial and step and gets actions from a shadow simulation."""
 
     def __init__(
         self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
@@ -149,7 +149,7 @@ def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
 
 
 class Counter:
-    """Counter for a client's control steps, which also detects the start of an episode."""
+    """Counter of a client's control steps, which also detects the start of an episode."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -209,7 +209,7 @@ class PolicySession:
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Prepare a connection with its own policy, or with a policy that answers each observation independently.
+        """Prepare a connection with its own policy, or a policy that answers each observation independently.
 
         ``trial`` gives the episode number if a client sends none. ``within`` is True for a run's workers, where
         errors have the message for the record.

@@ -35,11 +35,10 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 TOLERANCE = 1e-6
-"""Largest difference between client and shadow: joint angles [rad], end effector [m] and distance of the pads [m]."""
+"""Largest allowed difference between client and shadow: joint angles [rad], end effector [m] and gripper width [m]."""
 KEPT = 64
-"""Maximum number of simulations of a server, 20 MB each.
-
-For further clients, the oldest simulations are dropped and repeated when needed.
+"""Maximum number of simulations per server, at 20 MB each. Beyond it, the oldest simulations are dropped, and repeated
+when needed.
 """
 SPARE = 4
 """Number of simulations kept in addition to one per client, for clients that reconnect."""
@@ -56,7 +55,7 @@ def require_within(trial: TrialId, step: int, step_limit: int) -> None:
 
 
 class ShadowSimulation:
-    """One trial with one privileged policy, simulated up to the last requested step."""
+    """Simulation of one trial with one privileged policy, up to the last requested step."""
 
     def __init__(self, policy: str, trial: TrialId, *, robot: str = USUAL_ROBOT) -> None:
         """Build the scene and reset it. The policy answers in the robot's usual action space.

@@ -1,4 +1,4 @@
-"""Policy instance from the caller of an evaluation, which runs in this process."""
+"""Policy instance passed by the caller of an evaluation, which runs in this process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Needs of a caller's policy: a waiting thread, because its answer times are unknown."""
+"""Requirements of a caller's policy: its own thread, because its latency is unknown."""
 
 
 class GivenPolicy(PolicyFactory):
@@ -64,7 +64,7 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return the needs of a plan's policy. An address without a kind means a caller's policy."""
+    """Return the requirements of a plan's policy. An address without a kind denotes a caller's policy."""
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 

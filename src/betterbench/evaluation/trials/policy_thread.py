@@ -1,4 +1,4 @@
-"""Thread for a policy's answers, which keeps the simulation from waiting."""
+"""Thread that waits for a policy's answers so that the simulation does not."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class PolicyThread:
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """After a failed trial, use a new process for the next episode of a policy with its own process."""
+        """Use a new process for the next episode after a failed trial, if the policy has its own process."""
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
@@ -131,7 +131,7 @@ class PolicyThread:
 
 
 def name_trial(client: object, trial: TrialId) -> None:
-    """Tell one of our own clients which trial begins. Never call this with a user's policy."""
+    """Announce the next trial to one of our own clients; never call this for a user's policy."""
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
@@ -144,7 +144,7 @@ def ready_at(policy: object) -> float:
 
 
 def shared_cost_s(policy: object) -> float:
-    """Return the CPU time spent so far by another thread on messages of a shared policy [s]."""
+    """Return the CPU time that another thread has spent on messages of a shared policy [s]."""
     cost = getattr(policy, "cost_s", 0.0)
     return cost if isinstance(cost, float) else 0.0
 

@@ -1,4 +1,4 @@
-"""Policy shared by many connections, which answers all pending requests in one batch, with a deadline."""
+"""Policy shared by many connections, which answers all pending requests in one batch and has a deadline."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Deadline:
     """Deadline for a policy that the run itself serves."""
 
     limit_s: float
-    """Longest time from request to answer [s]."""
+    """Maximum time from request to answer [s]."""
     on_hang: Callable[[], None]
-    """Function called after the deadline, because a hanging call can only be ended with its process."""
+    """Function called when the deadline has passed; a hanging call can only be ended together with its process."""
 
 
 class SharedPolicy:

@@ -41,7 +41,8 @@ POLICY_TIMEOUT_S = 300.0
 _SPARE_RENDERERS = 3
 
 TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
-"""Trial that waits for its policy, like :data:`betterbench.episodes.Steps`, and returns the journal entry."""
+"""Generator of a trial that waits for its policy, like :data:`betterbench.episodes.Steps`, and returns the journal
+entry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +114,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """Runner for one worker's trials, with shared policies, observer and world processes."""
+    """Runner of one worker's trials, with shared policies, observer and world processes."""
 
     def __init__(
         self,
@@ -267,5 +268,5 @@ class TrialRunner:
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
-    """Return the journal entry for a trial that broke down together with its worker."""
+    """Return the journal entry for a trial that was lost together with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})

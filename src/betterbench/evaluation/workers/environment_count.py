@@ -1,4 +1,4 @@
-"""Choice of a worker's number of environments, from measurements in a warm-up.
+"""Choice of the number of environments per worker, from measurements in a warm-up.
 
 A worker with n environments is a closed queue: a chunk takes S seconds of the worker's time and L seconds of the
 policy's time. With fewer environments than the knee, (L + S) / S, the worker waits; near the knee, fluctuations still
@@ -20,7 +20,8 @@ KNEES = 2.5
 """Number of opened environments, in multiples of the knee."""
 
 LONGEST_QUEUE_S = 10.0
-"""Maximum time until the last pending request is answered, even if one at a time [s]: a third of the usual deadline."""
+"""Maximum time until the last pending request is answered even if served one by one [s], a third of the usual
+deadline."""
 
 _ANSWERS = 16  # minimum number of answers of a window
 _ANSWERS_PER_ENVIRONMENT = 2.0
@@ -152,7 +153,7 @@ class EnvironmentCount:
         if window.latency_s > _UNHINDERED * self._least_s:
             goal = min(goal, _STEP * window.envs)  # the server may already have a queue
         if goal < left <= _LEFT_OVER * goal:
-            goal = left  # a few left-over trials would wait alone for their answers at the end
+            goal = left  # at the end, a few remaining trials would wait for their answers alone
         goal = min(goal, self._most)
         # if the server answers one question at a time, latency grows with the number
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))

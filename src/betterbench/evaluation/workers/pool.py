@@ -1,4 +1,4 @@
-"""Pool of worker processes on this machine. Each gets as many trials as it has environments, over a pipe."""
+"""Pool of worker processes on this machine, each of which gets as many trials over a pipe as it has environments."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class WorkerProcess(SpawnedProcess):
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
-        self.alone = False  # its only trial was in a process that died
+        self.alone = False  # its only trial was running in a process that died
         self.lost = False  # the process has closed its end of the pipe
         self.ready = False  # the process is ready
         self.turn = settings.turn  # number among the living processes
@@ -188,7 +188,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Continue without a process that died before it was ready. Its trials are not suspects."""
+        """Continue without a process that died before it was ready; its trials are not suspects."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:

@@ -1,4 +1,4 @@
-"""Count of the control steps of a run's workers, which shows progress before any trial has ended."""
+"""Count of control steps over all workers of a run, to show progress before any trial has ended."""
 
 from __future__ import annotations
 

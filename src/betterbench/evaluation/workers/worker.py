@@ -1,4 +1,4 @@
-"""Worker: a thread that simulates and renders many trials, while the policy answers in other threads."""
+"""Worker: thread that simulates and renders many trials while the policy answers in other threads."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from betterbench.tasks.trial import Trial
 logger = logging.getLogger(__name__)
 
 USUAL_ENVS = 8
-"""Initial environments of a worker for a policy in another process: while some wait, the others are simulated.
+"""Initial number of environments per worker for a policy in another process: while some wait, the others are simulated.
 
 A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`).
 """
 
 MOST_WAITING = 32
-"""Initial environments of all workers together.
+"""Initial number of environments over all workers.
 
 A server that answers one request at a time, in 0.3 s, then answers the last request in its queue within 10 s, before
 the deadline.
@@ -105,7 +105,7 @@ class _Slot:
     ticket: int = -1  # ticket of the pending question, or -1
     asked_at: float = 0.0
     question: Question | None = None  # the last outcome
-    outcome: Reply | BaseException | None = None  # reply to the last question, until the trial takes it
+    outcome: Reply | BaseException | None = None  # reply to the last question, until the trial consumes it
     waits: bool = False  # the trial cannot continue before the outcome arrives
     figures: Mapping[str, float] = field(default_factory=dict)  # counts of the policy's connection
     wire_s: float = 0.0  # CPU time for the trial's messages
@@ -183,7 +183,7 @@ class Worker:
 
     @property
     def problem(self) -> BetterError | None:
-        """Error that the next call of :meth:`finished` will raise, available earlier because no trial may be left."""
+        """Error that the next call of :meth:`finished` will raise, available early because no trial may be left."""
         return self._stop
 
     def _open_trials(self) -> int:

@@ -1,4 +1,4 @@
-"""Scenarios by a language model, with checks, corrections and stored exchanges.
+"""Scenarios written by a language model, with checks, corrections and stored exchanges.
 
 - ``prompt``: the wording of all requests.
 - ``exchanges``: the file of requests and answers, and its replay without the model.

@@ -1,4 +1,4 @@
-"""Scenarios by a language model: request, check form and plausibility, send problems back, and store each exchange."""
+"""Author of scenarios that uses a language model: requests, checks, corrections and stored exchanges."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Message
 
 DEFAULT_TRIES, MOST_TRIES = 3, 20
-"""Default and largest number of requests for one scenario."""
+"""Default and maximum number of requests per scenario."""
 _LONGEST_ECHO = 8_000
 """Maximum number of characters of a rejected answer that are sent back."""
 _MOST_PROBLEMS = 8
@@ -33,7 +33,7 @@ _MOST_SHOWN = 50
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Scenario without a valid answer from the model.
+    """Scenario for which the model gave no valid answer.
 
     Attributes:
         number: Number of the scenario, from 1.
@@ -48,7 +48,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios of a model, by number from 1, and the scenarios without a valid answer."""
+    """Scenarios by a model, by number from 1, and those without a valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -64,7 +64,7 @@ def ask_for_scenarios(
     vocabulary: Mapping[str, Sequence[str]] | None = None,
     on_progress: OnCount | None = None,
 ) -> Asked:
-    """Return different scenarios of a template by a model.
+    """Return different scenarios for a template, written by a model.
 
     Args:
         template: Name of the template.
@@ -104,9 +104,9 @@ class Request:
 
     Attributes:
         template: Its template.
-        sentence: Request of a user that it is about; empty for none.
+        sentence: The user's request that it must fulfill; empty for none.
         vocabulary: Allowed asset queries by group, or None for any.
-        before: Earlier scenarios, whose objects it must not have.
+        before: Earlier scenarios, whose sets of objects it must not repeat.
         context: Its context; empty for any.
     """
 
@@ -120,7 +120,7 @@ class Request:
 def ask_for_scenario(
     request: Request, chat: KeptChat, number: int, *, tries: int = DEFAULT_TRIES
 ) -> tuple[Scenario | None, str]:
-    """Return a scenario by a model, or None and the first problem of its last answer.
+    """Return a scenario written by a model, or None and the first problem in its last answer.
 
     Raises:
         ModelError: If the model cannot be reached; earlier exchanges are kept.
@@ -193,7 +193,7 @@ def parsed_list(answer: str) -> list[Any]:
 
 
 def without_fence(answer: str) -> str:
-    """Return an answer without white space and without a Markdown code fence around it."""
+    """Strip white space and a surrounding Markdown code fence from an answer."""
     text = answer.strip()
     if text.startswith("```") and text.endswith("```") and "\n" in text:
         text = text.partition("\n")[2].removesuffix("```").strip()
@@ -215,7 +215,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return the problems of the user's sentence: objects and places that the scenario lacks, and other goals."""
+    """Return the deviations from the user's sentence: missing objects and places, and different goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)

@@ -1,4 +1,4 @@
-"""Exchanges with a language model, stored so that they can be replayed without the model.
+"""Stored exchanges with a language model, which can be replayed without the model.
 
 Each line of ``exchanges.jsonl`` has the messages, the answer and the verdict, and a link that reveals a changed line.
 A request whose answer is in the file is not sent again, so the same command resumes after an interruption. In another
@@ -111,7 +111,9 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
 
 
 class KeptChat:
-    """A model whose exchanges are stored, or stored exchanges without a model; see :class:`~betterbench.vqa.llm.Chat`.
+    """Chat whose exchanges are stored or, without a model, replayed from storage.
+
+    See :class:`~betterbench.vqa.llm.Chat`.
 
     Args:
         file: File of the exchanges; a request with an answer in this file is not sent again.

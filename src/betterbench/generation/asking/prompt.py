@@ -1,4 +1,4 @@
-"""The prompt for scenarios, with the inputs and outputs of the paper's prompt (appendix B.1) in different words.
+"""Prompt for scenarios, with the inputs and outputs of the paper's prompt (appendix B.1) but our own wording.
 
 Unlike the paper's prompt, this prompt requests one scenario at a time. A rejected scenario is therefore corrected in a
 separate conversation, and an answer is short enough to be complete.
@@ -20,7 +20,7 @@ PROMPT_ID = "betterbench-scenario-1"
 """Identifier of this wording, stored with each exchange; change the identifier with every change of the wording."""
 
 MAX_TOKENS = 2048
-"""Largest length of an answer [tokens]: a scenario has about 600."""
+"""Maximum length of an answer [tokens]; a scenario takes about 600."""
 
 SYSTEM = f"""You write scenarios for a benchmark of robot manipulation in simulation. A robot arm with a two-finger
 gripper stands at a table. A template describes an abstract interaction; you fill it with an everyday situation and with
@@ -116,7 +116,7 @@ def correction(answer: str, problems: Sequence[str]) -> list[Message]:
 
 
 def template_messages(sentence: str, templates: Sequence[Template]) -> list[Message]:
-    """Return the conversation that asks which template fits a sentence."""
+    """Return the messages that ask which template fits a sentence."""
     listed = "\n".join(f"- {t.name}: {t.description} {t.goal}" for t in templates)
     system = (
         "You choose the interaction template that fits a request to a robot arm at a table. Answer with JSON only: "
@@ -129,5 +129,5 @@ def template_messages(sentence: str, templates: Sequence[Template]) -> list[Mess
 
 
 def _user(text: str) -> Message:
-    """Return a message as plain text, which servers of language models without images accept too."""
+    """Return a message as plain text, which text-only model servers also accept."""
     return {"role": "user", "content": text}

@@ -1,4 +1,4 @@
-"""Audit of a release task: violations of kinematic isolation and of a truthful instruction, with numbers.
+"""Audit of a release task: violations of kinematic isolation and untruthful instructions, with measured numbers.
 
 Distances refer to the poses of the release, before positions are moved to our table.
 """
@@ -60,7 +60,7 @@ CODES: Mapping[str, str] = {
     "stand_in": "An object is represented by an asset with another name.",
     "other_color": "An object is represented by an asset that does not have its color.",
 }
-"""Codes of findings, each with its meaning."""
+"""Codes of findings and their meaning."""
 
 REMARKS = frozenset(
     (
@@ -77,7 +77,7 @@ REMARKS = frozenset(
         ),
     )
 )
-"""Codes that concern the import or the form of the files, or that are open; all others are faults of the task."""
+"""Codes that concern the import, concern the file format or are undecided; all others are faults of the task."""
 
 _SAME_POSE_M = 0.005
 _FOUND_BY = {"search": "found by its words", "class": "found by its class", "given": "given"}
@@ -85,7 +85,7 @@ _FOUND_BY = {"search": "found by its words", "class": "found by its class", "giv
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding on a variation, or on the whole task.
+    """Finding about a variation or about the whole task.
 
     Attributes:
         variation: Id of the variation, "" for the whole task.
@@ -168,7 +168,7 @@ class _Auditor:
                 yield from check(self, variation)
 
     def noun(self, name: str) -> str:
-        """Return an object in words, with its id."""
+        """Return a phrase for an object, with its id."""
         return f"{self.lexicon.noun(name)} ({name})" if name in self.task.instances else name
 
     def _of_task(self) -> Iterator[Finding]:
@@ -222,7 +222,7 @@ class _Auditor:
             yield Finding(variation.name, "disabled", "The field `enabled` is false.")
 
     def changes(self, variation: Resolved) -> Iterator[Finding]:
-        """Check that a variation has an effect, and that its groups fit the template."""
+        """Check that the changes of a variation have an effect, and that its groups fit the template."""
         written = self.task.variations[variation.name]
         base = self.resolved_base()
         for group in GROUPS:
@@ -349,7 +349,7 @@ class _Auditor:
         yield from self._placements(variation)
 
     def _turned_deg(self, variation: Resolved, name: str) -> float:
-        """Return the smallest turn of an object from a training variation [degrees], 0 for round objects."""
+        """Return the smallest rotation of an object from a training variation [degrees], 0 if it is round."""
         match = self.matches.get(name)
         if match is not None and not match.is_stand_in and match.asset.shape in ("round", "cylinder"):
             return 0.0
@@ -462,7 +462,7 @@ class _Auditor:
     # --------------------------------------------------------------------------------------------------- our own form
 
     def form(self, variation: Resolved) -> Iterator[Finding]:
-        """List what our form of the variation lacks."""
+        """List what is missing in our representation of the variation."""
         shown = self.built.variations[variation.name]
         if shown.name is None and variation.enabled:
             yield Finding(variation.name, "not_represented", f"{'; '.join(shown.reasons)}.".capitalize())

@@ -1,4 +1,4 @@
-"""A release task in our form: training conditions, and variations as operations on the nearest training condition."""
+"""Conversion of a release task: training conditions, and variations as operations on the nearest training condition."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ _OF_RELATION: Mapping[str, tuple[str, Role]] = {
     "layer": ("logical_assembly", "container"),
     "beside": ("patterned_arrangement", "fixture"),
 }
-"""Template and role of the target by our relation."""
+"""Template and target role for each of our relations."""
 
 _SIDES = {"left_of": "left", "right_of": "right", "behind": "behind"}
-"""Relations of the release that our relation "beside" covers, with the region. Ours also requires alignment."""
+"""Release relations covered by our relation "beside", with the region; ours additionally requires alignment."""
 
 _HYPOTHESES = {
     Axis.SPATIAL_LAYOUT_SHIFT: "Objects are found by what they are, not by where they lay in training.",
@@ -58,7 +58,7 @@ _NAMES_IN_TITLE = 2
 
 @dataclass(frozen=True)
 class Represented:
-    """Representation of a variation of the release in our form.
+    """Representation of a release variation in our task format.
 
     Attributes:
         name: Name of the condition in our task ("train1", "O1"), None if the variation is not represented.
@@ -79,7 +79,7 @@ class Represented:
 
 @dataclass(frozen=True)
 class Built:
-    """A task built from a release task.
+    """Task built from a release task.
 
     Attributes:
         task: The task, or None if no training condition can be represented.
@@ -114,7 +114,7 @@ def build_task(task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Map
 
 
 class _Maker:
-    """Conditions of one task, and the choices that they share."""
+    """Builder of the conditions of one task, with the choices that they share."""
 
     def __init__(self, task: ReleaseTask, resolved: Mapping[str, Resolved], matches: Mapping[str, Match]) -> None:
         self.task, self.resolved, self.matches = task, resolved, matches
@@ -204,7 +204,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons why a variation cannot be represented."""
+        """Return the reasons that prevent a variation from being represented."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -324,7 +324,7 @@ class _Maker:
         made: Represented,
         before: Sequence[Variation],
     ) -> tuple[Represented, Variation | None]:
-        """Return a variation as operations on the training condition that needs the fewest."""
+        """Return a variation as operations on the training condition that requires the fewest."""
         ways = {
             name: operations
             for name, base in training.items()
@@ -358,7 +358,7 @@ def _same(one: Condition, other: Condition) -> bool:
 
 
 def _from_below(predicates: Sequence[ReleasePredicate]) -> list[ReleasePredicate]:
-    """Return predicates in an order in which a target is placed before the objects on it."""
+    """Return predicates ordered so that a target is placed before the objects on it."""
     waiting, found = list(predicates), []
     while waiting:
         subjects = {p.subject_id for p in waiting}
@@ -440,7 +440,7 @@ def _arrange(
 
 
 def axis_of(operations: Sequence[Operation]) -> Axis:
-    """Return the axis of operations: of objects, else of time, else of layout, else of the instruction."""
+    """Return the axis of operations: object, else temporal, else layout, else instruction."""
     names = {operation.name for operation in operations}
     if names & {"replace", "add", "remove"}:
         return Axis.ADVERSARIAL_OBJECT_PERTURBATION
@@ -459,7 +459,7 @@ def _title(operations: Sequence[Operation]) -> str:
 
 
 def _said(operation: Operation) -> str:
-    """Return an operation in words ("apple moved to slot_3")."""
+    """Return a phrase for an operation ("apple moved to slot_3")."""
     arguments = {key: getattr(value, "kind", getattr(value, "name", "")) for key, value in operation.arguments.items()}
     match operation.name:
         case "swap":

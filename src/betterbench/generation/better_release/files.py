@@ -21,19 +21,19 @@ from betterbench.jobs.places import require_inside
 from betterbench.json_form import read_form, strict_form
 
 YamlReader = Callable[[Path], dict[str, Any]]
-"""Function that reads a YAML file into plain values, or raises InvalidInputError."""
+"""Function that reads a YAML file into plain values, and raises InvalidInputError if it cannot."""
 
 BASE = "BASE"
-"""Usual id of the base variation, which every other variation extends."""
+"""Default id of the base variation, which every other variation extends."""
 
 MOST_VARIATIONS = 200
-"""Largest number of variations of a task."""
+"""Maximum number of variations of a task."""
 
 _CURE = "Correct the file, or restore it from the release"
 _QUOTE = "Quote the words on, off, yes and no, which YAML reads as booleans"
 
 MOST_OBJECTS = 100
-"""Largest number of objects of a task."""
+"""Maximum number of objects of a task."""
 
 FormT = TypeVar("FormT")
 
@@ -122,9 +122,10 @@ class PolicyChange:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class VariationFile:
-    """The base variation or a variation, as written; see :func:`betterbench.generation.better_release.resolve`.
+    """A variation (or the base variation) as written in its file.
 
-    The lists ``set_*``, ``add_*`` and ``remove_*`` change the members of a group.
+    See :func:`betterbench.generation.better_release.resolve`. The lists ``set_*``, ``add_*`` and ``remove_*`` change
+    the members of a group.
     """
 
     variation_id: _Id

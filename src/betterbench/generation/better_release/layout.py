@@ -1,4 +1,4 @@
-"""Start positions of the release on our table.
+"""Transfer of the release's start positions to our table.
 
 Both world frames have the robot base at the origin, x away from the robot and y to the left, so positions are used
 unchanged. Positions within 2.5 cm of each other become one slot. A slot is then moved as little as necessary to be in
@@ -24,15 +24,16 @@ from betterbench.sim.assets import CollisionPart
 from betterbench.tasks import Slot, get_task, suite_tasks
 
 SAME_SLOT_M = 0.025
-"""Largest distance between two positions in one slot [m]: a jitter of 15 mm and the precision of manual placement."""
+"""Maximum distance between positions merged into one slot [m]: a jitter of 15 mm plus the precision of manual
+placement."""
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
 """Jitter of slots, and of slots of targets [m]."""
 GAP_M = 0.04
-"""Free distance between two objects [m]: room for a finger and for the jitter of both."""
+"""Clearance between two objects [m]: room for a finger and the jitter of both."""
 TARGET_GAP_M = 0.05
-"""Free distance between an object and a target [m]: room for a finger and the palm next to the wall of a container."""
+"""Clearance between an object and a target [m]: room for a finger and the palm next to a container wall."""
 NEAR_X_M, FAR_X_M = 0.36, 0.69
-"""Distances from the robot base [m] between which the suite has its slots for grasps."""
+"""Range of distances of the suite's pick slots from the robot base [m]."""
 FAR_TARGET_X_M = 0.60
 """Largest distance of the center of a target from the robot base [m]."""
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
@@ -43,12 +44,12 @@ FRONT_CAMERA_M = (1.45, 0.0, 0.95)
 _QUARTERS = (0.0, math.pi / 2, -math.pi / 2, math.pi)
 _ORDERED_M, _KEPT_M = 0.02, 0.004
 _ROUNDS, _MOST_STEPS = 900, 2_000_000
-"""Number of rounds in which slots are pushed apart, and largest number of pairs that are visited in all rounds."""
+"""Maximum number of rounds in which slots are pushed apart, and of pairs visited over all rounds."""
 _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return the distance of a position from the part of our table that is in reach and in view [m], 0 inside."""
+    """Return how far a position lies outside the reachable and visible part of our table [m], 0 inside."""
     inside_x = min(max(x, NEAR_X_M), FAR_X_M)
     limit = SEEN_AT_0_M - SEEN_SLOPE * inside_x
     inside_y = min(max(y, -limit), limit)
@@ -69,7 +70,7 @@ class _Cluster:
     users: list[tuple[str, str]] = field(default_factory=list)
 
     def take_in(self, variation: str, name: str, match: Match) -> None:
-        """Add an object of a variation, and make room for it."""
+        """Add an object of a variation to the cluster, and update the required room."""
         half_x, half_y = _half_extents(match, self.yaw)
         if not self.is_target:  # its heading is not known yet
             half_x = half_y = max(half_x, half_y)
@@ -155,7 +156,7 @@ def place_slots(
 def _same_slot(
     clusters: Iterable[_Cluster], variation: str, place: tuple[float, float], *, is_target: bool
 ) -> _Cluster | None:
-    """Return the cluster nearest to a position, without clusters of other objects of the variation."""
+    """Return the cluster nearest to a position, excluding clusters of other objects in the variation."""
     near = [
         c
         for c in clusters
@@ -189,7 +190,7 @@ def _open_yaw(
 
 
 def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
-    """Return whether a target is between the front camera and the middle of an object.
+    """Return whether a target blocks the front camera's view of the center of an object.
 
     The collision shapes of the target are replaced by their boxes.
     """
@@ -199,7 +200,7 @@ def _hides(target: Match, stand: Slot, match: Match, place: Slot) -> bool:
 
 
 def _crosses(part: CollisionPart, start: Vector, end: Vector) -> bool:
-    """Return whether a straight line meets the box of a collision shape, all in the frame of its asset."""
+    """Return whether a line segment crosses the box of a collision shape, in the frame of its asset."""
     center, half = np.zeros(3), np.asarray(part.size)
     if part.shape == "hull" and part.vertices is not None:
         low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
@@ -278,7 +279,7 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return the missing free distance between two slots along x and y [m]; negative if it is more than enough."""
+    """Return the missing clearance between two slots along x and y [m]; negative if there is more than enough."""
     a, b = clusters[i], clusters[j]
     apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
     return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])

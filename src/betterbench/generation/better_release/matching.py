@@ -1,4 +1,4 @@
-"""Categories of our library for the objects of a release task, found by the search of the catalogue."""
+"""Matching of the objects in a release task with categories of our library, by a catalogue search."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from betterbench.sim.assets.catalogue.terms import terms
 SOURCE = "procedural"
 _HITS = 40
 _LARGEST_ITEM_M = 0.17
-"""Largest extent of a carried object [m]: that of the library's plates, which are gripped at the rim."""
+"""Maximum extent of a carried object [m], that of the library's plates, which are gripped at the rim."""
 _BY_CLASS = 0.25
-"""Factor of the score of an asset that only belongs to the same class ("fruit") as the object."""
+"""Score factor for an asset that only belongs to the same class ("fruit") as the object."""
 _OTHER_NOUN, _OTHER_COLOR, _SAME_CATEGORY, _SAME_ASSET = 0.6, 0.7, 0.7, 0.1
-"""Factors for the scores of less suitable assets; they affect only the choice and not the reported score."""
+"""Score factors for less suitable assets, which affect the choice but not the reported score."""
 _LEAST_SCORE = 0.02
-"""Lowest weighted score of a match; with a lower score, an object has no asset."""
+"""Minimum weighted score of a match; below it, an object gets no asset."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """The asset that represents an object.
+    """Asset that represents an object.
 
     Attributes:
         category: Category of our library.
@@ -55,7 +55,7 @@ class Match:
 
 @contextmanager
 def library_catalogue(folder: Path | None = None) -> Iterator[Catalogue]:
-    """Open a catalogue of the library; without the encoder of meaning, it is searched by words only.
+    """Open a catalogue of the library; without the text encoder, it is searched by words only.
 
     Args:
         folder: Folder of an existing catalogue; None to index the built-in generators into a temporary one.
@@ -145,7 +145,7 @@ def _match(category: str, color: str | None, score: float, how: str, *, is_stand
 def _found(
     catalogue: Catalogue, task: ReleaseTask, instance: ReleaseInstance, taken: Iterable[Match], *, is_target: bool
 ) -> Match | None:
-    """Return the best match of an object: by its query, else by its noun, else by a class that contains the noun."""
+    """Return the best match for an object: by its query, else by its noun, else by a class that contains the noun."""
     nouns = nouns_of(instance, task.names.get(instance.instance_id, ""))
     color, used = color_of(instance), {(m.category, m.color) for m in taken}
     queries = [(instance.retrieval_query, 1.0), (" ".join(nouns[0]), 1.0)]
@@ -171,7 +171,7 @@ def _found(
 def _suitability(
     hit: Hit, used: set[tuple[str, str | None]], nouns: Sequence[tuple[str, ...]], color: str | None
 ) -> float:
-    """Return a factor for an asset: less for another noun or color, and for a category that another object has."""
+    """Return the suitability factor of an asset, reduced for another noun or color, or a category already in use."""
     exact = _noun_of(hit.entry.category) in nouns
     category, own = hit.entry.category, hit.entry.color
     taken = (category, own) in used or ((category, None) in used and own == colors(category)[0])

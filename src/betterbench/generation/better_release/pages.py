@@ -19,7 +19,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Imported:
-    """A release task with the results of its import.
+    """Imported release task, with the results of its import.
 
     Attributes:
         certificate: Results of the certificate by condition of our task; empty without certification.
@@ -43,7 +43,7 @@ class Imported:
 
 
 def certified_text(summary: Summary | None) -> str:
-    """Return a result of a certificate in a few words: "3/3", "0/3: (b)", or "" without one."""
+    """Return a short text for a certificate result: "3/3", "0/3: (b)", or "" without one."""
     if summary is None:
         return ""
     failed = [f"({letter})" for letter in CLAUSES if summary.clauses[letter] < summary.n]
@@ -51,7 +51,7 @@ def certified_text(summary: Summary | None) -> str:
 
 
 def certificate_notes(summary: Summary | None) -> tuple[str, ...]:
-    """Return one remark of a certificate on each clause that fails, with an example seed."""
+    """Return one remark of a certificate per failed clause, with an example seed."""
     notes = () if summary is None else summary.notes
     firsts = (next((note for note in notes if note.startswith(f"({letter}) fails")), "") for letter in CLAUSES)
     return tuple(filter(None, firsts))
@@ -158,7 +158,7 @@ def _asset_text(match: Match) -> str:
 
 
 def _section(one: Imported, name: str) -> list[str]:
-    """Return the findings on a variation, or on the whole task, and the failed clauses of its certificate."""
+    """Return the findings about a variation or the whole task, and the failed clauses of its certificate."""
     findings = one.audit.of(name)
     notes = certificate_notes(one.certified(name)) if name else ()
     if not findings and not notes:

@@ -1,4 +1,4 @@
-"""Relations of the release in an initial scene.
+"""Evaluation of the release's relations in an initial scene.
 
 The release evaluates relations on axis-aligned boxes of its assets, whose sizes are not in the task files. Relations
 that depend on a size are therefore estimated with the matched assets of our library. A relation without a matched asset
@@ -24,14 +24,14 @@ VERTICAL_M = 0.1
 AXIS_RAD = 0.1745
 
 Box = tuple[Vector, Vector]
-"""Lowest and highest corner of an axis-aligned box [m]."""
+"""Minimum and maximum corner of an axis-aligned box [m]."""
 
 SYNONYMS = {"left": "left_of", "right": "right_of", "front": "front_of", "back": "behind", "top": "on"}
-"""Other names of relations in the release."""
+"""Aliases of relations in the release."""
 
 
 def box_of(pose: ReleasePose, size_m: Vector) -> Box:
-    """Return the box of an object that stands at its position; as rotations are ignored, the narrower side is used."""
+    """Return the box of an object at its position; rotations are ignored, so the narrower side is used for both."""
     side = min(size_m[:2])
     x, y, z = pose.position
     return (x - 0.5 * side, y - 0.5 * side, z), (x + 0.5 * side, y + 0.5 * side, z + size_m[2])

@@ -1,4 +1,4 @@
-"""Variations of the release, with the values inherited from the base variation."""
+"""Release variations with the values inherited from the base variation."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ class Resolved:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Objects that the release puts into the scene: all with a pose or in a group, and the container."""
+        """Objects that the release puts into the scene: those with a pose or in a group, and the container."""
         grouped = (name for members in self.groups.values() for name in members)
         return tuple(sorted({*self.poses, *grouped, self.container}))
 
     @property
     def goals(self) -> tuple[str, ...]:
-        """Objects that a success predicate moves, sorted."""
+        """Objects moved by a success predicate, sorted."""
         return tuple(sorted({p.subject_id for p in self.success}))
 
     def xy(self, name: str) -> tuple[float, float] | None:
@@ -112,7 +112,7 @@ REPLACED_M = 0.06
 
 @dataclass(frozen=True, slots=True)
 class LeftBehind:
-    """An object that a variation replaces but leaves in the scene.
+    """Object that a variation replaces but leaves in the scene.
 
     Attributes:
         name: The replaced object, which is no longer in any group.

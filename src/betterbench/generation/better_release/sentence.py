@@ -1,4 +1,4 @@
-"""Conservative detection of the objects that an instruction names; unclear nouns are returned as undecided.
+"""Conservative detection of the objects named in an instruction; unclear nouns are reported as undecided.
 
 Known nouns are the names of the objects of the task, the categories of our library and the words of the catalogue's
 word list, whose lines also say which objects a class such as "fruit" contains.
@@ -17,7 +17,7 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood, word_
 from betterbench.sim.assets.catalogue.terms import terms
 
 Noun = tuple[str, ...]
-"""A noun as terms of the catalogue: lower case, singular ("juice", "box")."""
+"""Noun as catalogue terms, in lower case and singular ("juice", "box")."""
 
 _PREPOSITIONS = """
 in into inside on onto upon at to near beside behind under over with from of next
@@ -49,7 +49,7 @@ _CHANGES_MEANING = frozenset(_LIMITING.split())
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A noun of an instruction.
+    """Noun in an instruction.
 
     Attributes:
         text: The noun in the singular ("juice box", "fruit").
@@ -68,7 +68,7 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Sentence:
-    """An instruction with its known nouns, and reasons for which it cannot be decided (empty if it can)."""
+    """Instruction with its known nouns, and the reasons why it is undecided (empty if it is not)."""
 
     text: str
     nouns: tuple[Named, ...]
@@ -76,7 +76,7 @@ class Sentence:
 
 
 class Lexicon:
-    """Nouns of the objects of a task.
+    """Lexicon of the nouns for the objects of a task.
 
     Args:
         task: The task; every object of its universe has a noun, so that an absent object can be recognized.
@@ -147,7 +147,7 @@ class Lexicon:
             if phrase not in self._phrases or set(phrase) <= _PLAIN_WORDS | _VERBS | _ADJECTIVES:
                 continue
             if set(phrase) <= COLORS and not (self._phrases[phrase][0] and self._ends_noun(words, at + length)):
-                continue  # "the orange" is a fruit, "the orange block" is not
+                continue  # "the orange" is a fruit, but "the orange block" is not
             return length
         return 0
 

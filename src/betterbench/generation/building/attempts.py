@@ -1,4 +1,4 @@
-"""Building of one task: the attempts at a certified task, and the smallest change that helps.
+"""Building of one task: attempts until it is certified, each with the smallest change that may help.
 
 A task that fails its certificate is changed and examined again: first without the failing variations, then with more
 demonstrations, then with other slots, then with other assets.
@@ -29,15 +29,15 @@ from betterbench.tasks.interventions import vary
 
 _UNSEEN = "a training condition is not in view"
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
-"""Smallest numbers of variations of a task, and of axes among them."""
+"""Minimum numbers of variations of a task, and of axes among them."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """Change of a task that is tried after a failure.
+    """Change of a task to try after a failure.
 
     Attributes:
-        words: The change in words.
+        words: Description of the change.
         slots: Seed of the slots.
         assets: Number of the choice of assets.
         demonstrations: Factor of the number of demonstrations.
@@ -56,7 +56,8 @@ CHANGES = (
     _Change("other slots", slots=2),
     _Change("other assets for the same descriptions", assets=1),
 )
-"""Attempts in their order. More demonstrations help only if a pose is outside the training distribution (clause b)."""
+"""Changes in the order of attempts. More demonstrations help only if a pose is outside the training distribution
+(clause b)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +120,10 @@ def build_task(
                 attempts.append(Attempt(change.words, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
-                task_to_json(known)  # a task that cannot be written is refused before the long examination
-                bare = [c for c in known.training if not c.preplaced]  # the others start as demonstrations end
+                task_to_json(known)  # a task that cannot be written is rejected before the long examination
+                bare = [
+                    c for c in known.training if not c.preplaced
+                ]  # the other conditions start in the final states of demonstrations
                 unseen = badly_framed(known, bare, seeds=settings.seeds)
                 if unseen:
                     attempts.append(Attempt(change.words, _UNSEEN, unseen))
@@ -167,7 +170,7 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return the missing requirement for a test of several abilities, or an empty string."""
+    """Return the unmet requirement for a test of several abilities, or an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

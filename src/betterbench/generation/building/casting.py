@@ -1,4 +1,4 @@
-"""Choice of assets for the descriptions of a scenario, and of look-alikes for its items.
+"""Casting: choice of assets for the descriptions of a scenario, and of look-alikes for its items.
 
 Assets are found by searching the catalogue. A found asset must have what its group needs: a container needs the region
 for the relation of the template, an item a grasp that fits the gripper.
@@ -31,11 +31,11 @@ from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.words import is_plural
 
 LEAST_SCORE = 0.2
-"""Smallest score of a search result that is accepted for a description."""
+"""Minimum search score accepted for a description."""
 _SEARCHED = 40
 _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
-"""Smallest score, relative to the best suitable asset, of an asset that is almost as good."""
+"""Minimum score of an asset that counts as almost as good, relative to the best suitable asset."""
 _FIXED = ("on_ring", "in_hole", "closed")
 """Relations whose target must not yield when an object is pushed into it."""
 _ADJECTIVES = """
@@ -48,7 +48,7 @@ ADJECTIVES = frozenset(_ADJECTIVES.split())
 """Words of a query that describe an object without naming it."""
 
 _COUNTS = frozenset({"both", "couple", "dozen", "five", "four", "pair", "several", "six", "three", "two"})
-"""Words of a query for several objects."""
+"""Query words that denote several objects."""
 
 
 def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
@@ -77,7 +77,7 @@ def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
 
 
 def choices(scenario: Scenario, catalogue: Catalogue, *, attempt: int = 0) -> list[Choice]:
-    """Return an asset for each description of a scenario, in the order of the template's groups.
+    """Choose an asset for each description of a scenario, in the order of the template's groups.
 
     Args:
         scenario: The scenario.
@@ -112,7 +112,7 @@ def fitting(
     catalogue: Catalogue,
     taken: set[tuple[str, str]],
 ) -> tuple[list[Hit], list[str]]:
-    """Return the best suitable search results for a description, and why better ones were passed over."""
+    """Return the best suitable search results for a description, with the reasons why better ones were rejected."""
     wanted = _colors_in(described)
     query = f"{described.asset_query} {' '.join(wanted)}".strip()
     found = catalogue.search(query, limit=_SEARCHED, filters=_BUILDABLE)
@@ -132,7 +132,7 @@ def fitting(
 
 
 def name_problem(query: str, entry: CatalogueEntry) -> str:
-    """Return a message if a word of a query, apart from adjectives, fits neither the names nor the text of an asset."""
+    """Return a message if a non-adjective of a query matches neither the names nor the text of an asset."""
     words = query.lower().split()
     if _COUNTS & set(words) or (words and is_plural(words[-1]) and not _is_word_of(words[-1], entry)):
         return "it is one object, and the query is for several"
@@ -160,12 +160,12 @@ def _is_word_of(word: str, entry: CatalogueEntry) -> bool:
 
 
 def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
-    """Return tags as terms, without those that only name a trait."""
+    """Return tags as terms, except those that only name a trait."""
     return {tuple(terms(tag)) for tag in tags[:SYNONYMS]} | ({tuple(terms(tag)) for tag in tags} - _traits())
 
 
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
-    """Return whether a single word or a synonym of it is the last word of an asset's name, or a tag that names it."""
+    """Return whether a word or a synonym of it is the last word of an asset's name, or one of its naming tags."""
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
         return word in names
@@ -174,7 +174,7 @@ def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
-    """Return the color words of a description, each once; those of the query come first."""
+    """Return the distinct color words of a description, those of the query first."""
     said = [*terms(described.asset_query), *terms(described.description)]
     return tuple(dict.fromkeys(word for word in said if word in COLORS))
 

@@ -18,7 +18,7 @@ class Choice:
         described: The description.
         entry: Row of the catalogue.
         score: Score of the search in (0, 1].
-        passed_over: Better search results that do not suit the group, with the reason.
+        passed_over: Better search results that were rejected for the group, with the reason.
     """
 
     group: str
@@ -29,5 +29,5 @@ class Choice:
 
 
 def asset_of(entry: CatalogueEntry) -> Asset:
-    """Return the asset of a row of the catalogue."""
+    """Return the asset of a catalogue row."""
     return build_unpainted(entry.category, color=entry.color or None)

@@ -1,4 +1,4 @@
-"""Import of objects that are missing in the library, from a catalogue of meshes that the user has indexed."""
+"""Import of objects missing in the library, from a catalogue of meshes indexed by the user."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.user_files import load_asset_folders
 
 IMPORTED = "imported"
-"""Folder of the imported assets in the folder of a build; other verbs load it with --asset-dir."""
+"""Folder for imported assets within a build folder; other subcommands load it with --asset-dir."""
 MOST_MESHES = 3
-"""Largest number of meshes imported for one description; successive attempts at a task use different meshes."""
+"""Maximum number of meshes imported per description; successive attempts at a task use different meshes."""
 _SEARCHED = 20
 
 
@@ -39,7 +39,7 @@ class ImportedMeshes:
 
 
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
-    """Import meshes for the descriptions that no object of the library suits, certify them, and load them.
+    """Import, certify and load meshes for the descriptions that no library object matches.
 
     Meshes are found by the words of the descriptions, and need a free license, the certificate of ``better assets
     check`` and a name with these words. A repeated call keeps the imported assets.
@@ -74,7 +74,7 @@ def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Cata
 
 
 def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[DescribedObject]:
-    """Yield the descriptions that no object of the library suits, each once."""
+    """Yield the distinct descriptions that no library object matches."""
     asked: set[tuple[str, str]] = set()
     for scenario in scenarios:
         template = TEMPLATES[scenario.template]
@@ -87,7 +87,7 @@ def _missing(scenarios: Sequence[Scenario], library: Catalogue) -> Iterator[Desc
 
 
 def _found(described: DescribedObject, user: Catalogue) -> list[CatalogueEntry]:
-    """Return the best rows of the user's catalogue for a description, each with a mesh on this machine."""
+    """Return the best rows of the user's catalogue for a description that have a mesh on this machine."""
     hits = user.search(described.asset_query, limit=_SEARCHED, filters=Filters(license="free"))
     rows = [hit.entry for hit in hits if hit.score >= LEAST_SCORE and hit.entry.source != NAME and hit.entry.path]
     return [row for row in rows if not name_problem(described.asset_query, row)][:MOST_MESHES]

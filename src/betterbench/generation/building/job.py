@@ -1,4 +1,4 @@
-"""The resumable job that builds many scenarios and writes the certified tasks as a suite."""
+"""Resumable job that builds many scenarios and writes the certified tasks as a suite."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from betterbench.tasks.user_files import COMPANION_SUFFIX
 from betterbench.version import __version__
 
 CATALOGUE, RESULTS = "catalogue", "built"
-"""Folders of a build: the catalogue that is searched, and one file for each finished scenario."""
+"""Folders of a build: the searched catalogue, and one file per finished scenario."""
 _MOST_BYTES = 64 << 20
 _LONGEST_ID = 40
 _CURE = "Remove the file, and run the same command again"
@@ -78,7 +78,7 @@ def build_suite(
     on_import: Callable[[ImportedMeshes], None] = lambda _: None,
     on_progress: Callable[[JobProgress[Result]], None] | None = None,
 ) -> BuildReport:
-    """Build, certify and write a suite. The same call resumes where it stopped, and gives the same files.
+    """Build, certify and write a suite. The same call resumes an interrupted build, and produces the same files.
 
     Args:
         scenarios: Scenarios to build.
@@ -120,7 +120,7 @@ def build_items(
 ) -> tuple[Result, ...]:
     """Build and certify scenarios in a folder, and return their results in order. Stored results are not made again.
 
-    ``on_stored`` is called with each of these, ``on_progress`` at the start and after every new one.
+    ``on_stored`` is called for each of these, ``on_progress`` at the start and after every new result.
 
     Raises:
         InvalidInputError: If a stored result is damaged.
@@ -213,7 +213,7 @@ def write_suite(results: Sequence[Result], out: Path, name: str) -> Path | None:
 
 
 def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
-    """Return the stored result of a scenario, None if there is none under these settings and versions.
+    """Return the stored result of a scenario, or None if there is none for these settings and versions.
 
     Raises:
         InvalidInputError: If the file was changed after it was written.
@@ -222,7 +222,9 @@ def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
     if not path.exists():
         return None
     form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
-    if form.get("key") != _key(item, settings):  # of other settings or another version, which may have another form
+    if form.get("key") != _key(
+        item, settings
+    ):  # made with other settings or another version, so it may have another format
         return None
     return read_form(_RESULT, form, where=str(path), cure=_CURE)
 
@@ -239,7 +241,7 @@ def _key(item: BuildItem, settings: Settings) -> str:
 
 
 def new_task_id(name: str, taken: Counter[str]) -> str:
-    """Return a unique identifier for a scenario, from letters and digits of its name, and note it as taken."""
+    """Return a unique identifier for a scenario, from the letters and digits of its name, and reserve it."""
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST_ID].strip("_")
     base = words if re.match(r"[a-z]", words) else f"task_{words}".strip("_")
     found, number = base, 1

@@ -17,13 +17,13 @@ from betterbench.tasks.condition import ObjectSpec
 
 _LOOK_ALIKES = 4
 _ALIKE_SIZE = 0.5
-"""Smallest ratio of the largest extents of an object and its look-alike."""
+"""Minimum ratio between the largest extents of an object and its look-alike."""
 
 
 def look_alikes_in(
     cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
 ) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
-    """Yield, for each item, distractors of another kind with its color or shape, the most similar first."""
+    """Yield distractors of other kinds with the color or shape of each item, most similar first."""
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})
     called = {word for spec in present for word in names_of(spec.kind, rows.get(spec.name))}

@@ -1,4 +1,4 @@
-"""Names of chosen objects in instructions: nouns, and colors where nouns may be confused."""
+"""Names of chosen objects in instructions: nouns, with colors where nouns are ambiguous."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.terms import terms
 
 SYNONYMS = 2
-"""Number of the first tags of an asset that are always used as its names."""
+"""Number of leading tags of an asset that always count as its names."""
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return the noun phrase of each object; colors distinguish objects whose nouns do not."""
+    """Return the noun phrase for each object, with colors where nouns do not distinguish objects."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):

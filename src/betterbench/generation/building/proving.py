@@ -1,4 +1,4 @@
-"""Demonstrations and certificate of a task that is not in a file yet."""
+"""Demonstrations and certificate of a task that is not yet in a file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks.interventions import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Findings on a task.
+    """Demonstrations and certificates of a task.
 
     Attributes:
         demonstrated: Measurements of its demonstrations.
@@ -64,7 +64,7 @@ def prove(task: Task, seeds: int, demonstrations: int) -> Proof:
     """Run the demonstrations of a task and examine its trials.
 
     If a training condition fails, the variations are not examined, because the task cannot be used. Conditions without
-    a solved demonstration come first, and are the only ones to be examined if they fail.
+    a solved demonstration are examined first; if they fail, no others are examined.
 
     Args:
         task: The task, registered.

@@ -1,4 +1,4 @@
-"""Stored results of a build. Reading them starts no simulator."""
+"""Stored results of a build, which can be read without a simulator."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Condition of a task that fails a clause of the certificate.
+    """Condition that fails a clause of the certificate.
 
     Attributes:
         condition: Name of the condition.
@@ -63,7 +63,7 @@ class Attempt:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ChosenAsset:
-    """Asset of a description, with its search score and the better results that did not suit."""
+    """Asset chosen for a description, with its search score and the better results that were rejected."""
 
     group: str
     description: str
@@ -98,7 +98,7 @@ class Result:
         unbuilt: Variations that the pattern could not derive.
         confounds: Regularities of the training conditions.
         chosen: Assets, with their search scores.
-        task: JSON form of the task; None if no attempt succeeded.
+        task: Task as JSON; None if no attempt succeeded.
         demonstrated: Measurements of its demonstrations.
         trials: Certificates of its trials.
     """

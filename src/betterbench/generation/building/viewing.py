@@ -12,12 +12,12 @@ from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, Task
 
 CLAUSE = "view"
-"""Name of this requirement on a page; the clauses of the certificate have letters."""
+"""Name of this requirement on a page, where the clauses of the certificate have letters."""
 MEANING = "the front camera shows every object of the instruction"
 
 
 def badly_framed(task: Task, conditions: Sequence[Condition], *, seeds: int) -> tuple[Failure, ...]:
-    """Return the conditions whose start the front camera shows worse than the limits allow.
+    """Return the conditions whose initial image violates the framing limits.
 
     Args:
         task: The task, registered.

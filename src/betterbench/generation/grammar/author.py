@@ -1,4 +1,4 @@
-"""The offline author: seeded scenarios from the themes of a template, without a language model."""
+"""Offline author: seeded scenarios from the themes of a template, without a language model."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.sim.assets.catalogue.terms import terms
 
 MOST_SCENARIOS = 10_000
-"""Maximum number of scenarios of one call."""
+"""Maximum number of scenarios per call."""
 _COMPARED = 400
-"""Number of candidate choices of a theme, of which the least similar to the earlier scenarios is used."""
+"""Number of candidates drawn from a theme; the one least similar to the earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Objects by group without their order: near-duplicates have the same key."""
+"""Unordered objects by group, which are equal for near-duplicates."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Object that a user named.
+    """Object named by the user.
 
     Attributes:
         group_id: Its group.
-        kinds: Kinds of the library that the noun may mean.
+        kinds: Library kinds to which the noun may refer.
         noun: The user's noun, with its color.
     """
 
@@ -54,7 +54,7 @@ def goal_key(choice: Choice) -> GoalKey:
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return the number of different scenarios in the grammar of a template, without near-duplicates."""
+    """Return the number of scenarios in a template's grammar, not counting near-duplicates."""
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -117,7 +117,7 @@ def _drawn(
 
 
 def _traits(choice: Choice) -> Iterator[tuple[object, int]]:
-    """Yield features of a choice with the cost of repeating each: highest for the categories, lowest for a color."""
+    """Yield the features of a choice with the cost of repeating each, from categories (highest) to colors (lowest)."""
     for group, kinds in choice.items():
         yield (group, tuple(sorted(category for category, _ in kinds))), 100
         yield (group, tuple(sorted(kinds))), 20
@@ -189,7 +189,7 @@ def _with_receiver(grammar: Grammar, wanted: Sequence[Wanted]) -> list[Theme]:
 
 
 def _may_have(theme: Theme, want: Wanted) -> bool:
-    """Return whether a pool of a theme has a wanted object; the choices of a theme are thousands."""
+    """Return whether a pool of a theme contains a wanted object. Enumerating its thousands of choices would be slow."""
     group = theme.groups.get(want.group_id)
     return group is not None and any(
         kind in want.kinds for pool in group.pools for category in pool.categories for kind in pool.kinds(category)
@@ -230,7 +230,7 @@ _SAY_LITTLE = frozenset(_SAY_LITTLE_WORDS.split())
 
 
 def scenario_of(template: str, theme: Theme, choice: Choice, rng: np.random.Generator) -> Scenario:
-    """Return the scenario of a theme with chosen objects, with one of the theme's wordings of the instruction."""
+    """Return a scenario of a theme with chosen objects and one of the theme's instruction wordings."""
     wording = theme.instructions[int(rng.integers(len(theme.instructions)))]
     firsts = {group: _named(kinds) for group, kinds in choice.items() if kinds}
     groups = {group: _with_names([described(*kind) for kind in kinds]) for group, kinds in choice.items()}
@@ -242,7 +242,7 @@ def _named(kinds: tuple[Kind, ...]) -> str:
 
 
 def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
-    """Return objects with different instance names: a second one of the same name gets a number."""
+    """Return objects with unique instance names; repeated names get a number."""
     seen: Counter[str] = Counter()
     found = []
     for described_object in objects:
@@ -255,7 +255,7 @@ def _with_names(objects: list[DescribedObject]) -> tuple[DescribedObject, ...]:
 
 
 def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
-    """Return the nouns of the objects that the grammar of a template has, by group, for a closed vocabulary."""
+    """Return the nouns of the objects in a template's grammar, by group, for a closed vocabulary."""
     grammar = grammar_of(template)
     found: dict[str, tuple[str, ...]] = {}
     for group_id in grammar.themes[0].groups:
@@ -271,7 +271,7 @@ def nouns_of_library(template: str) -> dict[str, tuple[str, ...]]:
 
 
 def shown_colors(template: str) -> dict[str, dict[str, tuple[str, ...]]]:
-    """Return the colors of each category that the grammar of a template has, by group."""
+    """Return the colors of each category in a template's grammar, by group."""
     grammar = grammar_of(template)
     return {
         group_id: {

@@ -133,7 +133,7 @@ def capitalized(text: str) -> str:
 
 
 def measured(category: str) -> Measures:
-    """Return the measures of a category: those of ``measures.json``, or measured here for a category of the user."""
+    """Return the measurements of a category, from ``measures.json`` or, for a user's category, measured here."""
     return _stored().get(category) or measure(category)
 
 

@@ -1,4 +1,4 @@
-"""Themes: contexts of a template with suitable objects."""
+"""Themes of a template: contexts with suitable objects."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Choice = Mapping[str, tuple[Kind, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """Pool of objects from which a scenario takes some.
+    """Pool from which a scenario draws objects.
 
     Attributes:
         categories: Categories of the library.
-        count: Number of objects that a scenario takes.
+        count: Number of objects drawn for a scenario.
         colors: Allowed colors; all colors of the category if empty.
         by_color: Objects differ in color and may have the same category; otherwise they differ in category.
         only: Allowed kinds; all if empty.
@@ -56,9 +56,9 @@ class Group:
     """Objects of a group of the template.
 
     Attributes:
-        pools: Pools, each of which contributes some of the objects.
-        colors_differ: Whether all objects have different colors; otherwise, no two are equal.
-        follows: Group whose color the objects have, such as the cabinet of the drawers.
+        pools: Pools that contribute the objects.
+        colors_differ: Whether all objects must have different colors; otherwise, they must only not be identical.
+        follows: Group whose color the objects share, such as the cabinet for its drawers.
     """
 
     pools: tuple[Pool, ...]
@@ -66,7 +66,7 @@ class Group:
     follows: str = ""
 
     def choices(self, before: Choice) -> Iterator[tuple[Kind, ...]]:
-        """Yield all choices, given the previous groups."""
+        """Yield all choices, given those of the previous groups."""
         color = before[self.follows][0][1] if self.follows else ""
         for parts in itertools.product(*(pool.choices() for pool in self.pools)):
             kinds = tuple(itertools.chain.from_iterable(parts))
@@ -110,9 +110,9 @@ class Grammar:
     """The themes of a template.
 
     Attributes:
-        requested: Name of scenarios whose objects were named by a user and fit no theme.
+        requested: Name for scenarios whose user-named objects fit no theme.
         general: Instruction for such scenarios.
-        most_items: Largest number of items that the pattern of the template takes.
+        most_items: Maximum number of items supported by the template's pattern.
     """
 
     template: Template

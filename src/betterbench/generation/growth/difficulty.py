@@ -1,4 +1,4 @@
-"""Difficulty of a certified task, measured by the time that the expert needs."""
+"""Difficulty of a certified task, measured by the expert's time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Tasks of the seven templates have 7 to 8 s (one mug or plate), 14 to 16 s (two i
 
 
 def median_s(trials: Iterable[TrialCertificate]) -> float:
-    """Return the median time of the expert in the trials of variations that require an action [s], 0 without any."""
+    """Return the expert's median time in variation trials that require an action [s], 0 without any."""
     steps = [trial.steps for trial in trials if not trial.training and not trial.watched]
     return statistics.median(steps) / CONTROL_RATE_HZ if steps else 0.0
 

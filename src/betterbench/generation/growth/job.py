@@ -1,4 +1,4 @@
-"""The resumable job that fills a suite with certified tasks under quotas.
+"""Resumable job that fills a suite with certified tasks under quotas.
 
 Scenarios are drawn in rounds. The draws of a round depend on the seed, on the accepted tasks of earlier rounds and on
 the round's earlier draws, never on workers or times, and each is stored before it is built. The same command therefore
@@ -43,14 +43,14 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat
 
 ROUND = 32
-"""Largest number of scenarios that are drawn before the results of the earlier ones count. It does not depend on the
-number of workers, so that more workers give the same suite."""
+"""Maximum number of scenarios drawn before earlier results are taken into account. It is independent of the number of
+workers, so that more workers give the same suite."""
 ATTEMPTS_PER_TASK = 3
 """Default of the largest number of built scenarios, per requested task."""
 GROWTH_NAME = "growth.json"
 """File with the outcome."""
 MOST_TASKS = 10_000
-"""Largest number of tasks of a suite."""
+"""Maximum number of tasks of a suite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,9 @@ class GrowSettings:
         author: Template, model, seed and vocabulary. An empty target stands for all templates.
         build: Seeds and demonstrations.
         quotas: Quotas.
-        distinct: Difference that makes two tasks no near-duplicates.
+        distinct: Difference required between two tasks that are not near-duplicates.
         unlike: Suites whose near-duplicates are left out: "better60", or folders.
-        max_attempts: Largest number of scenarios that are built; None for three per task.
+        max_attempts: Maximum number of scenarios that are built; None for three per task.
         name: Name of the suite, without its digest.
     """
 
@@ -84,11 +84,11 @@ class GrowSettings:
 
     @property
     def attempts(self) -> int:
-        """Largest number of scenarios that are built."""
+        """Maximum number of scenarios that are built."""
         return ATTEMPTS_PER_TASK * self.until if self.max_attempts is None else self.max_attempts
 
     def to_json(self) -> dict[str, object]:
-        """Return the settings that decide what is drawn, without those that a later command may raise."""
+        """Return the settings that determine the draws, except those that a later command may raise."""
         author = self.author
         form: dict[str, object] = {
             "schema_version": 1,
@@ -134,7 +134,7 @@ class PreparedGrowth:
     Attributes:
         settings: The settings.
         known: Names of the tasks of other suites by their key.
-        offline: The grammar as an author; None if a model is asked.
+        offline: The grammar as an author; None if a model is used.
     """
 
     settings: GrowSettings
@@ -170,7 +170,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Scenarios of a model before it is asked."""
+    """Supply of scenarios by a model before any request, which is assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates
@@ -192,7 +192,7 @@ def grow_suite(
     on_progress: OnGrow | None = None,
     on_round: Callable[[Growth], None] | None = None,
 ) -> Growth:
-    """Fill a suite with certified tasks. The same call resumes, and ends with the same files.
+    """Fill a suite with certified tasks. The same call resumes and produces the same files.
 
     Args:
         prepared: Checked settings; each call needs its own.
@@ -262,7 +262,7 @@ class _Growing:
         self._finished: list[Result] = []
 
     def run(self, on_round: Callable[[Growth], None] | None) -> Stop:
-        """Draw and build rounds until the number is reached or nothing is left."""
+        """Draw and build in rounds until the requested number is reached or no scenario is left."""
         while self._steering.left > 0:
             attempts_left = self._settings.attempts - len(self.tasks) - len(self.refused)
             size = min(ROUND, self._steering.left, attempts_left)

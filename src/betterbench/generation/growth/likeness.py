@@ -15,7 +15,8 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.condition import Role
 
 Distinct = Literal["categories", "colors"]
-"""Difference that makes two tasks no near-duplicates: another category, or another category or color."""
+"""Difference required between two tasks that are not near-duplicates: another category, or another category or
+color."""
 
 _RECEIVERS: tuple[Role, ...] = ("container", "fixture")
 
@@ -24,7 +25,7 @@ def key_of(template: str, kinds: Iterable[tuple[Role, Kind]], distinct: Distinct
     """Return the key of objects, "loose_packing: apple, lemon, orange; lunchbox".
 
     The key has the categories of the items and of the container, anchor or fixture, each once. Looks, names, numbers,
-    sides, the order of the objects, distractors and drawers are no part of it.
+    sides, object order, distractors and drawers do not affect it.
 
     Args:
         template: Name of the template.

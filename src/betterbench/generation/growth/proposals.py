@@ -1,4 +1,4 @@
-"""Journal of the scenarios that were proposed for a growing suite, in order."""
+"""Journal of the scenarios proposed for a growing suite, in order."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FILE_NAME = "proposals.jsonl"
 _CURE = "Restore the file from a copy, or choose another folder"
 
 Outcome = Literal["drawn", "near_duplicate", "refused"]
-"""Whether a proposal is built, has the goal of an earlier one, or did not make sense."""
+"""Outcome of a proposal: built, same goal as an earlier one, or implausible."""
 
 
 @strict_form
@@ -37,7 +37,7 @@ class Proposal:
         key: Key that near-duplicates share; empty if it is unknown.
         task_id: Identifier of the task, if it is built.
         scenario: Scenario in its stored form; None if the answer had none.
-        problem: Why it is not built: the earlier task with this goal, or the first problem of the last answer.
+        problem: Reason why it is not built: the earlier task with this goal, or the first problem in the last answer.
     """
 
     number: Annotated[int, NO_TRUTH, Field(ge=1)]

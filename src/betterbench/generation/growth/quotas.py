@@ -1,4 +1,4 @@
-"""Quotas of a growing suite: the least and the largest share of templates, axes, contexts and difficulties."""
+"""Quotas of a growing suite: minimum and maximum shares of templates, axes, contexts and difficulties."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 
 Kind = Literal["template", "axis", "context", "difficulty"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Properties that quotas are about. Axes are counted in variations, the others in tasks."""
+"""Properties that can have quotas. Axes are counted in variations, the others in tasks."""
 
 AXIS_NAMES: Mapping[str, Axis] = {
     "spatial": Axis.SPATIAL_LAYOUT_SHIFT,
@@ -37,13 +37,13 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """Least and largest amount of one value of a property.
+    """Minimum and maximum amount of one value of a property.
 
     Attributes:
         kind: Property.
         value: Value, such as the name of a template.
-        least: Least amount, in percent or as a count.
-        most: Largest amount in the same unit, or None for any.
+        least: Minimum amount, in percent or as a count.
+        most: Maximum amount in the same unit, or None for any.
         in_percent: Whether the amounts are percentages of all tasks, or of all variations for an axis.
     """
 
@@ -65,11 +65,11 @@ class Quota:
         return f"{self.name}:{'-'.join(f'{amount:g}{unit}' for amount in amounts)}"
 
     def least_of(self, total: int) -> int:
-        """Return the least count of a total."""
+        """Return the minimum count for a total."""
         return math.ceil(self.least * total / 100.0 - 1e-9) if self.in_percent else int(self.least)
 
     def most_of(self, total: int) -> int:
-        """Return the largest count of a total."""
+        """Return the maximum count for a total."""
         if self.most is None:
             return total
         return math.floor(self.most * total / 100.0 + 1e-9) if self.in_percent else int(self.most)
@@ -78,7 +78,7 @@ class Quota:
 def parse_quota(text: str, *, where: str = "--quota") -> Quota:
     """Read a quota such as ``template=loose_packing:20%``, ``context=kitchen:3-5`` or ``axis=temporal:15%``.
 
-    One amount is the least; two amounts are the least and the largest.
+    A single amount is the minimum; two amounts are the minimum and maximum.
 
     Raises:
         InvalidInputError: If the text has another form, or the amounts contradict each other.
@@ -237,7 +237,7 @@ def _require_known_to(supply: Supply, quotas: Sequence[Quota]) -> None:
 
 
 def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Supply) -> None:
-    """Check the sums of one property, whose values exclude each other."""
+    """Check the totals of one property, whose values are mutually exclusive."""
     listed = ", ".join(map(str, quotas))
     if kind == "axis":
         total, unit = 100, "% of the variations"

@@ -1,4 +1,4 @@
-"""Outcome of a growing suite, as it is stored and shown. Reading it starts no simulator."""
+"""Stored outcome of a growing suite, which can be read without a simulator."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from betterbench.generation.building.result import Result
 from betterbench.generation.growth.proposals import Proposal
 
 Stop = Literal["reached", "exhausted", "attempts"]
-"""Why the growth stopped: the number is reached, no scenario is left, or the largest number of attempts is made."""
+"""Reason why the growth stopped: the number is reached, no scenario is left, or the maximum number of attempts is
+made."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuotaStanding:
-    """A quota and its state.
+    """Quota with its current state.
 
     Attributes:
         quota: The quota, as in the option.
         kind: Property.
         value: Value.
         have: Number of tasks, or percentage of the variations for an axis.
-        least: Least amount in the same unit.
+        least: Minimum amount in the same unit.
         most: Largest amount, None for any.
         unit: "tasks", or "% of the variations".
         is_open: Whether it is not fulfilled.
@@ -49,7 +50,7 @@ class GrownTask:
         difficulty: Level.
         expert_s: Median time of the expert in its variations [s].
         variations: Number of variations by axis.
-        set_aside: Why it is no part of the suite; empty if it is.
+        set_aside: Reason why it is not part of the suite; empty if it is.
     """
 
     result: Result
@@ -106,7 +107,7 @@ class Growth:
 
     @property
     def reason(self) -> str:
-        """Sentence about why the growth stopped, with the open quotas."""
+        """Sentence that explains why the growth stopped, with the open quotas."""
         number = len(self.accepted)
         match self.stop:
             case "reached":

@@ -23,11 +23,11 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Choices of colors of a goal among which the one with the least used colors is taken."""
+"""Number of color choices of a goal that are compared; the one with the least used colors is taken."""
 COMPARED = 400
-"""Goals of a context among which the one least like the earlier ones is taken."""
+"""Number of goals of a context that are compared; the one least similar to earlier ones is taken."""
 PATIENCE = 5
-"""Answers of a model in a row without a new scenario after which a template counts as exhausted."""
+"""Number of consecutive model answers without a new scenario after which a template counts as exhausted."""
 
 
 class Cell(NamedTuple):
@@ -39,7 +39,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Proposed:
-    """Answer of an author.
+    """Proposal by an author.
 
     Attributes:
         outcome: Whether the scenario can be built.
@@ -55,7 +55,7 @@ class Proposed:
 
 
 class Source(Protocol):
-    """Author of the next scenario, which also tells what it has (see :class:`~.quotas.Supply`)."""
+    """Author of the next scenario, which also declares its supply (see :class:`~.quotas.Supply`)."""
 
     @property
     def templates(self) -> Sequence[str]:
@@ -65,10 +65,10 @@ class Source(Protocol):
         """Return the contexts of the scenarios, None for any."""
 
     def goals(self, templates: Collection[str], context: str | None = None) -> int | None:
-        """Return the number of different goals, None if it is not limited."""
+        """Return the number of different goals, or None if it is unlimited."""
 
     def cells(self) -> Sequence[Cell]:
-        """Return the templates and contexts that may have a new scenario, in a fixed order."""
+        """Return the templates and contexts that may still yield a new scenario, in a fixed order."""
 
     def propose(self, cell: Cell, number: int) -> Proposed:
         """Return the next scenario of a template and a context. The number makes the proposal unique."""
@@ -78,7 +78,7 @@ class Source(Protocol):
 
 
 class OfflineSource:
-    """The grammar as an author: each goal once, those with the least used categories first.
+    """The grammar as an author; each goal is used once, those with the least used categories first.
 
     Args:
         templates: Templates of the scenarios.
@@ -148,7 +148,7 @@ class OfflineSource:
         return sum(self._uses[cell.template, name] for name in names) / len(names)
 
     def take(self, proposal: Proposal) -> None:
-        """Note a proposal: its goal is not drawn again."""
+        """Register a proposal, so that its goal is not drawn again."""
         self._done.add(proposal.key)
         if proposal.scenario is None:
             return
@@ -213,7 +213,7 @@ class ModelSource:
         """Return None, because the number is not known."""
 
     def cells(self) -> list[Cell]:
-        """Return the templates whose last answers had a new scenario, with each context and with any."""
+        """Return the templates whose last answers contained a new scenario, with each context and without one."""
         left = [template for template in self._templates if self._misses[template] < PATIENCE]
         return [Cell(template, context) for template in left for context in ("", *self._contexts)]
 
@@ -237,7 +237,7 @@ class ModelSource:
         return Proposed("drawn", scenario, key)
 
     def take(self, proposal: Proposal) -> None:
-        """Note a proposal: later ones must differ from it, and misses in a row exhaust its template."""
+        """Register a proposal: later ones must differ from it, and consecutive misses exhaust its template."""
         self._misses[proposal.template] = 0 if proposal.is_drawn else self._misses[proposal.template] + 1
         if proposal.scenario is not None:
             self._written[proposal.template].append(proposal.read())

@@ -1,4 +1,4 @@
-"""Choice of the next template and context, so that open quotas fill, and acceptance of certified tasks.
+"""Choice of the next template and context so that open quotas are filled, and acceptance of certified tasks.
 
 All choices are functions of the accepted tasks and of the drawn scenarios, so they do not depend on workers or times.
 """
@@ -15,13 +15,13 @@ from betterbench.generation.growth.sources import Cell
 from betterbench.tasks import Axis
 
 _LIKELY = 0.5
-"""Share of a template's tasks above which a level of difficulty is expected of the next one."""
+"""Share of a template's tasks above which the next one is expected to have that level of difficulty."""
 _TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
 
 
 @dataclass(frozen=True, slots=True)
 class Traits:
-    """Properties of a certified task that quotas count.
+    """Properties of a certified task that count toward quotas.
 
     Attributes:
         variations: Number of variations by axis.
@@ -42,7 +42,7 @@ _EXPECTED: Mapping[str, tuple[str, str]] = {
     "precision_insertion": ("LLROT", "medium"),
     "recursive_stacking": ("LLROTT", "easy"),
 }
-"""Axes of the variations and difficulty of one task of each template, measured; estimates begin with them."""
+"""Measured axes and difficulty of one task per template, used as initial estimates."""
 
 
 class _Mix:
@@ -123,7 +123,7 @@ class _Tally:
 
 
 class Steering:
-    """State of a growing suite: the accepted tasks, and what is expected of the templates.
+    """State of a growing suite: the accepted tasks, and the expectations per template.
 
     Args:
         quotas: The quotas.
@@ -143,7 +143,7 @@ class Steering:
         return self._until - self._tally.tasks
 
     def note(self, cell: Cell) -> None:
-        """Note a proposed scenario: templates and contexts without a quota take turns."""
+        """Register a proposed scenario; templates and contexts without a quota take turns."""
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
@@ -218,7 +218,7 @@ class Steering:
         return 0.0
 
     def take(self, traits: Traits) -> str:
-        """Accept a certified task, or return why the quotas have no place for it."""
+        """Accept a certified task, or return the reason why the quotas exclude it."""
         self._mixes[traits.template].add(traits)
         after = self._tally.copy()
         after.add(traits)

@@ -23,14 +23,14 @@ IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)
 ASIDE = a.Slot("aside", 0.72, -0.19)
 
 PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
-"""Words of the slots as the front camera shows them: the far slot is at the top of the image."""
+"""Words for the slots as seen in the front camera image, in which the far slot is at the top."""
 
 HALF_HAND_M = 0.0325
 """Half the thickness of the gripper [m]: it must stay in front of the head of the fixture."""
 MARGIN_M = 0.004
-"""Free distance between the head of the fixture and an object or the gripper [m]."""
+"""Clearance between the head of the fixture and an object or the gripper [m]."""
 LONGEST_M = 0.13
-"""Largest length of an object in a slot [m]: the handle points away from the other slots."""
+"""Maximum length of an object in a slot [m]; the handle points away from the other slots."""
 
 PLACE_WORD = "A position word is understood although training never used it in this layout."
 KIND_WORD = "A word for an object means the object, not the slot where that object stood in training."
@@ -50,7 +50,7 @@ def constrained_positioning(cast: Cast) -> GeneratedTask:
 
 
 class _Positioning:
-    """Objects of a cast with their layouts and instructions."""
+    """Builder of a task from a cast, with its layouts and instructions."""
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -72,7 +72,7 @@ class _Positioning:
         self.layouts = tuple({**self._in_slots(order), **around} for order in orders)
 
     def _in_slots(self, order: tuple[a.ObjectSpec, ...]) -> dict[a.ObjectSpec, a.Slot]:
-        """Return the slots of the items, which stand in this order in the near, the far and the middle slot."""
+        """Return the items' slots; the items stand in this order in the near, the far and the middle slot."""
         return {item: self.slots[order.index(item)] for item in self.items}
 
     def named(self, item: a.ObjectSpec) -> a.Instruction:
@@ -81,7 +81,7 @@ class _Positioning:
         return self._put(word, f"{word} {self.noun}" if self.noun else word, item, _has_handle(item))
 
     def placed(self, slot: a.Slot) -> a.Instruction:
-        """Return the instruction that names an item by its place."""
+        """Return the instruction that names an item by its position."""
         word = PLACES[slot.name]
         text = f"{word} {self.noun or 'vessel'}"
         return self._put(word, text, a.Reference(slot=slot.name), all(map(_has_handle, self.items)))
@@ -145,7 +145,7 @@ class _Positioning:
         return in_order(found), tuple(unbuilt)
 
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
-        """Return the layout's first training condition that requests another item, whose motion is not a solution."""
+        """Return the first training condition of the layout that requests another item, whose motion is no solution."""
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
         right = scene.resolve(asked.subgoals[0].reference)
         for number, condition in enumerate(training, start=1):

@@ -37,9 +37,9 @@ ASIDE = a.Slot("aside", 0.28, -0.05)
 OPEN_M = 0.15
 """Opening of a drawer that is open at the start [m]."""
 WALL_M = 0.005
-"""Free distance between an object and the walls of a drawer [m]."""
+"""Clearance between an object and the walls of a drawer [m]."""
 LONGEST_M = 0.14
-"""Largest length of an object in a slot [m]."""
+"""Maximum length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
 """Heading of the slots if an object has corners that would touch the walls of a drawer [rad]: that of the cabinet."""
 CORNER_M = 0.005
@@ -65,7 +65,7 @@ def container_loading(cast: Cast) -> GeneratedTask:
 
 
 class _Loading:
-    """Objects of a cast with their layouts and instructions."""
+    """Builder of a task from a cast, with its layouts and instructions."""
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -90,7 +90,7 @@ class _Loading:
         )
 
     def _ordered(self, items: tuple[a.ObjectSpec, ...]) -> tuple[a.ObjectSpec, ...]:
-        """Return the items with the one for the upper drawer first, as the instruction of the scenario states it."""
+        """Return the items, the one for the upper drawer (as stated in the scenario's instruction) first."""
         stated = stated_goal(self.cast.scenario).regions
         first, second = items
         exchanged = stated.get(first.name) == "lower" or stated.get(second.name) == "upper"
@@ -232,7 +232,7 @@ def _drawers(cast: Cast, cabinet: a.ObjectSpec) -> tuple[a.ObjectSpec, a.ObjectS
 
 
 def _has_corners(item: a.ObjectSpec) -> bool:
-    """Return whether a look, unless it is round, would need more room in a drawer if it were turned in it."""
+    """Return whether a look that is not round would need more room in a drawer if it were rotated."""
     turn = abs(TURNED)
     for asset in assets_of(item):
         long, wide = max(asset.size_m[:2]), min(asset.size_m[:2])

@@ -1,4 +1,4 @@
-"""Draft of a generated task: training conditions, variations that are numbered per axis, and balanced conditions."""
+"""Draft of a generated task: training conditions, variations numbered per axis, and balanced conditions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.axes import Axis
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 LEAST_VARIATIONS, LEAST_AXES = 4, 3
-"""Least number of variations of a generated task, and of axes with a variation."""
+"""Minimum numbers of variations of a generated task, and of axes among them."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Draft:
         refuse: bool = False,
         mid_task: bool = False,
     ) -> bool:
-        """Add a variation, or list it as unbuilt if it cannot be carried out or its objects may touch.
+        """Add a variation, or list it as unbuilt if it is impossible or its objects may touch.
 
         Returns:
             Whether it was added.
@@ -188,7 +188,7 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Return the task of the first choice with enough room.
+    """Return the task for the first choice that has enough room.
 
     Raises:
         InvalidInputError: The error of the last choice, if no choice has enough room.

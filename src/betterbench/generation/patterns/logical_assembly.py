@@ -32,7 +32,7 @@ TABLE = Table(
 """Table of the suite's cheeseburger."""
 
 _TALLEST_M = 0.15
-"""Largest height of a stack above its base [m]: the arm carries the last layer over it."""
+"""Maximum height of a stack above its base [m], over which the arm carries the last layer."""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
@@ -44,7 +44,7 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 
 @dataclass(frozen=True, slots=True)
 class _Stack:
-    """Base, the three layers that change, and the layer that always comes last (or none)."""
+    """Base, the three layers that vary, and the layer that always comes last (or none)."""
 
     base: ObjectSpec
     layers: tuple[ObjectSpec, ObjectSpec, ObjectSpec]
@@ -100,7 +100,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
 
 def _require_heights(stack: _Stack) -> None:
-    """Check that every layer of a test is released within 5 mm of a release height in the demonstrations."""
+    """Check that every layer in a test is released within 5 mm of a release height in demonstrations."""
     one, two, three = stack.layers
     trained = [(one, two), (one, three)]
     tested = [*itertools.permutations(stack.layers, 2), *((o, o) for o in stack.layers[:1])]

@@ -31,17 +31,17 @@ OPEN_TABLES = tuple(
     Table(starts, (stand,))
     for starts, stand in ((_FOUR, _ACROSS), (_FOUR, _FLOOR), (_THREE, _FLOOR), (_THREE, _ACROSS))
 )
-"""Tables for containers without a lid: of the suite's fast_food, with the container where its tidy_desk has it, and
-with three slots that have more room."""
+"""Tables for containers without a lid: that of fast_food in the suite, that with the container position of tidy_desk,
+and one with three wider slots."""
 LID_TABLES = (Table(_THREE, (_STAND,)),)
-"""Table of the suite's fruit_lunch, for containers with a raised lid, which is turned away from the arm."""
+"""Table of fruit_lunch in the suite, for containers with a raised lid, which points away from the arm."""
 TABLES = (*OPEN_TABLES, *LID_TABLES)
 
 _LID_M = 0.10
-"""Smallest height of a container above the depth of its inside [m] that means a raised lid."""
+"""Minimum height of a container above the depth of its inside that indicates a raised lid [m]."""
 
 _ROOM_M = 0.005
-"""Distance that the expert keeps between an item and the walls [m]; see the relation ``inside``."""
+"""Clearance that the expert keeps between an item and the walls [m]; see the relation ``inside``."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
@@ -54,7 +54,7 @@ LONGER = "A chain of known steps that is longer than any in training is complete
 
 @pattern(a.LOOSE_PACKING)
 def loose_packing(cast: Cast) -> GeneratedTask:
-    """Return a task in which the first item is packed, then another one.
+    """Return a task in which the first item and then another one are packed.
 
     Three or four items are required. Distractors are used only as far as there are free slots.
 
@@ -96,7 +96,7 @@ def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
 
 
 def _require_room(container: ObjectSpec, items: Sequence[ObjectSpec]) -> None:
-    """Check that two items fit into the container, side by side or one on the other, their centers below the rim."""
+    """Check that two items fit into the container side by side or stacked, with their centers below the rim."""
     room = footprint(container.category).inside_m
     if room is None:
         problem = f"a {container.kind} (category {container.category}) has no region 'inside'"

@@ -12,12 +12,12 @@ from betterbench.tasks.condition import Condition, Slot
 
 @dataclass(frozen=True, slots=True)
 class Unbuilt:
-    """Variation that a pattern could not derive from a cast.
+    """Variation that could not be derived from a cast.
 
     Attributes:
         axis: Letter of the axis ("O").
         title: Difference from training in a few words.
-        reason: Why it could not be derived, and what would help.
+        reason: Reason why it could not be derived, and a remedy.
     """
 
     axis: str
@@ -27,7 +27,7 @@ class Unbuilt:
 
 @dataclass(frozen=True, slots=True)
 class GeneratedTask:
-    """Task that a pattern made from a cast.
+    """Task derived from a cast by a pattern.
 
     Attributes:
         task: Task with its training conditions and variations; it has no ``id`` yet.
@@ -47,7 +47,7 @@ class GeneratedTask:
 
 
 Pattern = Callable[[Cast], GeneratedTask]
-"""Function that makes a task from a cast; it raises InvalidInputError, with the reason, if the objects do not fit."""
+"""Function that makes a task from a cast, and raises InvalidInputError with the reason if the objects do not fit."""
 
 PATTERNS: dict[str, Pattern] = {}
 """Patterns by the name of their template."""

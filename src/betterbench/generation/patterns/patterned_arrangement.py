@@ -37,7 +37,7 @@ _DESKS = tuple(
     )
     for x in (0.500, 0.495, 0.490, 0.485)
 )
-"""Tables of the suite's desk_meeting: six slots in front, three for each position of the anchor.
+"""Tables of desk_meeting in the suite: six slots in front, three for each position of the anchor.
 
 The anchor has less jitter than in the suite, so that no exchange of objects causes contact. The anchor is as far
 from the robot as the objects in front allow: the nearer the anchor, the less space behind a laptop is in reach."""

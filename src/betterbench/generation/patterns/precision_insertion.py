@@ -30,12 +30,12 @@ FIRST, SECOND, THIRD = a.Slot("first", 0.42, -0.22), a.Slot("second", 0.60, -0.2
 STAND = a.Slot("stand", 0.52, 0.13, jitter_m=0.0, yaw_jitter=0.0)
 ASIDE = a.Slot("aside", 0.71, -0.10)
 HOLES = {"hole_1": "left", "hole_2": "middle", "hole_3": "right"}
-"""Words of the holes as the front camera shows them."""
+"""Words for the holes as seen in the front camera image."""
 
 LEAST_CLEARANCE_M, MOST_CLEARANCE_M = 0.002, 0.003
 """Allowed clearance of a jar in its hole on each side [m]; the template requires 3 mm or less."""
 HELD_M = 0.015
-"""Least height of the grasp above the top of a hole [m]: the pads reach 9 mm below its center."""
+"""Minimum height of the grasp above the top of a hole [m]; the pads extend 9 mm below its center."""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_HOLE = "A hole is found by its position in the rack, whatever the other holes hold."
@@ -55,7 +55,7 @@ def precision_insertion(cast: Cast) -> GeneratedTask:
 
 
 class _Insertion:
-    """Objects of a cast with their layouts and instructions."""
+    """Builder of a task from a cast, with its layouts and instructions."""
 
     def __init__(self, cast: Cast) -> None:
         self.cast = cast
@@ -149,7 +149,7 @@ class _Insertion:
         return in_order(found), tuple(unbuilt)
 
     def _plain(self, item: a.ObjectSpec) -> a.ObjectSpec | None:
-        """Return the version of a jar that only its label distinguishes from the others, or None.
+        """Return the version of a jar that differs from the others only by its label, or None.
 
         By convention its category is "plain_" and the kind, with underscores ("plain_salt_jar").
         """
@@ -177,7 +177,7 @@ class _Insertion:
 
 
 def _ordered(items: tuple[a.ObjectSpec, ...], stated: Mapping[str, str]) -> tuple[a.ObjectSpec, ...]:
-    """Return the items in the order of their holes: those of the instruction, then the others in the free holes."""
+    """Return the items in the order of their holes, first those in the instruction, then the others."""
     placed = {stated[item.name]: item for item in items if item.name in stated}
     others = iter([item for item in items if item.name not in stated])
     return tuple(placed[hole] if hole in placed else next(others) for hole in HOLES)

@@ -36,7 +36,7 @@ DONE = "The policy sees what is done already and finishes the stack."
 
 @dataclass(frozen=True, slots=True)
 class _Plates:
-    """The lowest plate, and the two plates that are put on it and on each other."""
+    """The lowest plate, and the two plates that are stacked on it."""
 
     base: ObjectSpec
     middle: ObjectSpec
@@ -52,7 +52,7 @@ class _Plates:
 
 @pattern(a.RECURSIVE_STACKING)
 def recursive_stacking(cast: Cast) -> GeneratedTask:
-    """Return a task in which two plates are put on the widest one, or the second on the first.
+    """Return a task in which each of two plates is put on the widest one, or the second on the first.
 
     If the instruction of the scenario puts one plate on another, so does training. The plate with a look-alike is the
     middle plate of the whole stack. Distractors are not used, because the plates fill the table.

@@ -13,11 +13,11 @@ from betterbench.sim.assets import colors
 from betterbench.tasks.condition import ObjectSpec, Role
 
 BYSTANDER_M = 0.10
-"""Largest footprint of an object that is not moved [m]."""
+"""Maximum footprint of an object that is not moved [m]."""
 _LONGEST_M = 0.14
-"""Largest footprint of a look-alike in a slot of the fixtures [m]."""
+"""Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category with the most colors, whose objects resemble another object only by color."""
+"""Category with the most colors, whose objects resemble other objects only by color."""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
@@ -46,7 +46,7 @@ def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
 
 
 def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """Return the look-alikes of an object as distractors, the most similar first."""
+    """Return the look-alikes of an object as distractors, most similar first."""
     return in_role("distractor", cast.look_alikes.get(spec.name, ()))
 
 

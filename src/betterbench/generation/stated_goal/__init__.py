@@ -1,4 +1,4 @@
-"""Goal stated in an instruction, and the parts of this goal that the pattern of the template does not support.
+"""Goal stated in an instruction, and its parts that the template's pattern does not support.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
 :func:`stated_goal` reads these parts. The supported parts are in :class:`StatedGoal`, from which the patterns take

@@ -1,4 +1,4 @@
-"""Words of an instruction that state a negation, a choice, an order, a pose or another number."""
+"""Detection of words in an instruction that state a negation, a choice, an order, a pose or a different number."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.generation.vocabulary import COLLECTIVES
 
 _LOADS = frozenset({"in", "into", "inside"})
 _MAY_CHAIN = ("loose_packing", "logical_assembly")
-"""Templates with an order in which objects are named. Their training conditions have two objects that change."""
+"""Templates in which the order of the named objects matters. Their training conditions vary two objects."""
 
 
 _NEVER = (
@@ -55,7 +55,7 @@ def word_problems(r: Reader) -> Iterator[tuple[str, str]]:
 
 
 def _closing(r: Reader, at: int) -> str:
-    """Return a reason if a word closes something that is not a drawer, or a drawer into which nothing is put."""
+    """Return a reason if a word asks to close something other than a drawer, or a drawer into which nothing is put."""
     if r.tokens[at] not in ("close", "shut") or r.tokens[at + 1 : at + 2] == ["to"]:
         return ""
     if r.scenario.template != "container_loading":
@@ -64,7 +64,7 @@ def _closing(r: Reader, at: int) -> str:
 
 
 def _returning(r: Reader, at: int) -> str:
-    """Return a reason if an object goes "back" or "away", and no place of the goal follows."""
+    """Return a reason if an object goes "back" or "away" and no target follows."""
     if r.tokens[at] not in ("back", "away") or not any(r.is_item(m) and m.end == at for m in r.mentions.values()):
         return ""
     is_last = not r.tokens[at + 1 :] or r.tokens[at + 1] in (",", ".", "and")
@@ -72,7 +72,7 @@ def _returning(r: Reader, at: int) -> str:
 
 
 def _result(r: Reader, at: int) -> str:
-    """Return a reason if the layers do not make what a word says, or make one of several."""
+    """Return a reason if the layers do not make the named result, or make only one of several."""
     if r.scenario.template != "logical_assembly" or r.tokens[at] not in RESULTS:
         return ""
     if number_before(r.raw, at) or r.raw[at] != r.tokens[at]:
@@ -82,7 +82,7 @@ def _result(r: Reader, at: int) -> str:
 
 
 def _number(r: Reader, at: int) -> str:
-    """Return a reason if a word is a number that no scene has, or a number without objects."""
+    """Return a reason if a word is a number beyond that of any scene, or a number without objects."""
     raw = r.raw[at]
     if raw in NUMBERS:
         return "" if _counts_a_noun(r, at) else "it is the number of nothing in the goal"
@@ -98,7 +98,7 @@ def _counts_a_noun(r: Reader, at: int) -> bool:
 
 
 def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
-    """Return whether the pattern keeps an order: of the first two objects, or of closing a drawer."""
+    """Return whether the pattern enforces an order, that of the first two objects or of closing a drawer."""
     word = r.tokens[at]
     if r.scenario.template == "container_loading":
         return word == "then" and bool({"close", "shut"} & set(r.tokens[at + 1 : at + 3]))
@@ -110,7 +110,7 @@ def _order_is_held(r: Reader, at: int, items: Sequence[Mention]) -> bool:
 
 
 def number_problems(r: Reader) -> Iterator[tuple[str, str]]:
-    """Yield the numbers that differ from the numbers of objects."""
+    """Yield the stated numbers that differ from the numbers of objects in the scenario."""
     for mention in r.mentions.values():
         items = [n for n in mention.objects if r.role_of[n] in ("item", "drawer")]
         noun = r.raw[mention.end - 1]

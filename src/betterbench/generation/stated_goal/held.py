@@ -1,4 +1,4 @@
-"""Relations that the pattern of each template supports, and the reasons why others are unsupported."""
+"""Relations supported by each template's pattern, with the reasons why others are unsupported."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.generation.stated_goal.relations import HOLES, RING, SIDES
 
 
 def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
-    """Return the single item that a relation is about, or the reason why there is none."""
+    """Return the single item to which a relation refers, or the reason why there is none."""
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:
         count = "no" if not named else "more than one"
@@ -20,7 +20,7 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _enter(r: Reader, said: Said, region: str, regions: dict[str, str]) -> Iterator[str]:
-    """Record the region of an item, or yield the reason why the region is impossible."""
+    """Record the target region of an item, or yield the reason why it is impossible."""
     name, reason = _item(r, said, regions)
     if reason or not name:
         yield reason or "it is said of no item"
@@ -157,7 +157,7 @@ _RULES = {
 
 
 def read_goal(r: Reader) -> tuple[dict[str, str], tuple[tuple[str, str], ...], list[tuple[str, str]]]:
-    """Return the regions of items, the pairs of plates, and the words of other relations with the reason."""
+    """Return the target regions of items, the pairs of plates, and the unsupported relations with the reason."""
     regions: dict[str, str] = {}
     onto: list[tuple[str, str]] = []
     problems: list[tuple[str, str]] = []

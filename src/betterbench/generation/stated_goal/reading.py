@@ -1,4 +1,4 @@
-"""Reading of an instruction: the objects that its nouns mean, and the relations between them."""
+"""Parsing of an instruction: the objects to which its nouns refer, and the relations between them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 
 @dataclass(frozen=True, slots=True)
 class Mention:
-    """Noun of an instruction.
+    """Noun in an instruction.
 
     Attributes:
         at: Place of its first word among the tokens.
@@ -55,7 +55,7 @@ class Mention:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """Relation that an instruction states.
+    """Relation stated in an instruction.
 
     Attributes:
         words: Its words ("to the left of").
@@ -75,12 +75,12 @@ class Said:
 
 
 class Reader:
-    """Words of an instruction, with the objects that they mean.
+    """Words of an instruction, with the objects to which they refer.
 
     Attributes:
         objects: Objects of the scenario by name, and ``role_of`` their roles.
         surfaces: Places on which all objects stand.
-        raw: Words as written, in small letters, and ``tokens`` in the singular.
+        raw: Words as written, in lower case, and ``tokens`` in the singular.
         mentions: Nouns by the place of their first word; ``taken`` are the places of all their words.
         positions: Places of words such as "left" that belong to no relation; :meth:`relations` finds them.
     """
@@ -100,7 +100,7 @@ class Reader:
         self.positions: list[int] = []
 
     def _mentions(self) -> Iterator[Mention]:
-        """Yield the nouns that may mean objects, in order."""
+        """Yield the nouns that may refer to objects, in order."""
         known = dict(known_nouns(self.tokens))
         taken = {i for at, noun in known.items() for i in range(at, at + len(noun))}
         heads = {terms(o.asset_query)[-1] for o in self.objects.values() if terms(o.asset_query)}
@@ -121,7 +121,7 @@ class Reader:
         return 2 if is_plural_form(self.raw[end - 1]) else 0
 
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the objects that a noun may mean: first objects with this name, then objects described with it."""
+        """Return the objects to which a noun may refer: first those with this name, then those described with it."""
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
         last, color = words[-1], color_before(self.tokens, at)
@@ -141,20 +141,20 @@ class Reader:
         return tuple(found)
 
     def _members(self, noun: str) -> list[str]:
-        """Return the items that a collective noun means: the jars for "spices"."""
+        """Return the items covered by a collective noun, such as the jars for "spices"."""
         members = collective(noun)
         items = (o for name, o in self.objects.items() if self.role_of[name] == "item")
         return [o.instance_name for o in items if members & {*head_nouns(o.asset_query), *head_nouns(o.description)}]
 
     def _of_type(self, noun: tuple[str, ...]) -> list[str]:
-        """Return the container, fixture or drawers whose type a noun names: the waste bin for "trash can"."""
+        """Return the container, fixture or drawers of the type that a noun names (the waste bin for "trash can")."""
         groups = TEMPLATES[self.scenario.template].groups
         receivers = [group for group in groups if group.role in ("container", "fixture", "drawer")]
         named = [g.group_id for g in receivers if any(noun in nouns_of(allowed) for allowed in g.allowed_types)]
         return [o.instance_name for group_id in named for o in self.scenario.groups.get(group_id, ())]
 
     def relations(self) -> Iterator[Said]:
-        """Yield the relations, each with the objects before it that have none yet."""
+        """Yield the relations, each with the preceding objects that have no relation yet."""
         pending: list[Mention] = []
         at = 0
         while at < len(self.tokens):
@@ -181,17 +181,17 @@ class Reader:
 
     def _relation_length(self, at: int) -> int:
         lengths = range(min(LONGEST_RELATION, len(self.tokens) - at), 0, -1)
-        # "on the bottom" is no relation in "on the bottom bun"
+        # "on the bottom" is not a relation in "on the bottom bun"
         free = (n for n in lengths if at not in self.taken and at + n - 1 not in self.taken)
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
 
     def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
-        """Return whether the words of a relation have another meaning: "to go", "in one pile"."""
+        """Return whether the words of a relation have an idiomatic meaning: "to go", "in one pile"."""
         following = self.tokens[at + 1] if at + 1 < len(self.tokens) else ""
         return (self.tokens[at] == "to" and following == "go") or (meaning == "in" and place in GATHERED)
 
     def _target(self, at: int) -> tuple[Mention | None, str, str, int]:
-        """Return the target after a relation: the object, the place, the position before "hole", and the end."""
+        """Return the target after a relation: its object, its place, a position before "hole", and its end."""
         position = place = ""
         i = at
         while i < len(self.tokens):
@@ -222,7 +222,7 @@ class Reader:
         return "hole" in self.tokens[at + 1 : at + 3] or "slot" in self.tokens[at + 1 : at + 3]
 
     def is_item(self, mention: Mention) -> bool:
-        """Return whether a noun may mean an object that is moved."""
+        """Return whether a noun may refer to an object that is moved."""
         return any(self.role_of[name] in ("item", "distractor") for name in mention.objects)
 
     def is_on_surface(self, said: Said) -> bool:

@@ -1,4 +1,4 @@
-"""Words of relations, numbers, orders and poses in instructions."""
+"""Vocabulary of relations, numbers, orders and poses in instructions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _PHRASES = {
     "far from, parallel to, perpendicular to, in line with, aligned with, instead of",
 }
 RELATIONS = {tuple(phrase.split()): meaning for meaning, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
-"""Words of relations, in the singular as :func:`sentence_tokens` gives them, with their meanings."""
+"""Phrases of relations with their meanings, in the singular as returned by :func:`sentence_tokens`."""
 LONGEST_RELATION = max(map(len, RELATIONS))
 
 SIDES = ("left", "right", "behind", "upper_right")
@@ -48,7 +48,7 @@ _POSITIONS_WORDS = """
 left right middle center top bottom front corner upper lower leftmost rightmost side edge end
 """
 POSITIONS = frozenset(_POSITIONS_WORDS.split())
-"""Adjectives and nouns of places that no pattern reads outside of a relation, a hole or a drawer."""
+"""Adjectives and nouns of places that are ignored unless they belong to a relation, a hole or a drawer."""
 
 _NEGATIONS_WORDS = """
 without not no none never except excluding but nothing neither nor don dont avoid instead skip unless

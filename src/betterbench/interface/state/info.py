@@ -1,4 +1,4 @@
-"""Constant part of the privileged state during an episode: objects, their shapes, and table slots."""
+"""Constant part of an episode's privileged state: objects, their shapes, and table slots."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A named box or disc in an object's frame that tasks refer to, such as an opening, ring, handle or top surface.
+    """Named box or disc in an object's frame to which tasks refer, such as an opening, ring, handle or top surface.
 
     Attributes:
         name: Kind of the region ("inside", "ring", "handle", "top").
@@ -37,7 +37,7 @@ class ObjectInfo:
 
     Attributes:
         name: Name in the scene ("burger_1"); verdicts do not depend on it.
-        kind: Its noun in instructions ("burger"); two objects of one kind are interchangeable.
+        kind: Noun for the object in instructions ("burger"); objects of the same kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
@@ -46,7 +46,7 @@ class ObjectInfo:
         slot: Name of the object's start slot, or None.
         source: Origin of the asset, with its author; empty for the procedural library.
         license: License of the asset, empty in the same case.
-        keeps_upright: Whether the object must not lie on its side in a container, like a drink.
+        keeps_upright: Whether the object, such as a drink, must not lie on its side in a container.
     """
 
     name: str

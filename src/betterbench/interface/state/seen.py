@@ -1,7 +1,4 @@
-"""Objects in a camera's image: the visible part of each and its position in the image.
-
-These values can be computed from a record and the model.
-"""
+"""Objects in a camera image: the visible part and image position of each, computable from a record and the model."""
 
 from __future__ import annotations
 
@@ -15,12 +12,12 @@ GRIPPER = "gripper"
 """Name of the gripper (hand and fingers) in the list of objects."""
 
 Box = tuple[int, int, int, int]
-"""Left, top, right and bottom edge of a region [pixel]; its last column is ``right - 1``."""
+"""Left, top, right and bottom edge of an image region [pixel]; the last column is ``right - 1``."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeenObject:
-    """The visible part of one object in one image.
+    """Visible part of one object in one image.
 
     Attributes:
         box: The smallest box around all its visible pixels.
@@ -89,7 +86,7 @@ def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
 
 
 def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
-    """Return the visible pixel of an object nearest to its centroid, which may be outside, as for a ring."""
+    """Return the visible pixel of an object nearest to its centroid, which may lie outside, as for a ring."""
     cx, cy = seen.centroid
     best: tuple[float, int, int] | None = None
     start = 0
@@ -107,7 +104,7 @@ def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
 
 
 def _rows(row: int, first: int, length: int, width: int) -> list[tuple[int, int, int]]:
-    """Return a run that may span several rows as triples of row, first and last column."""
+    """Split a run that may span several rows into triples of row, first and last column."""
     parts = []
     while length > 0:
         here = min(length, width - first)

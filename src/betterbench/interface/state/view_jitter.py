@@ -27,7 +27,7 @@ class CameraOffset:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ViewJitter:
-    """Camera and light jitter, which images depend on in addition to model and state.
+    """Jitter of cameras and light, on which images depend in addition to model and state.
 
     Attributes:
         cameras: Offset per camera; cameras that are not listed have their nominal pose.

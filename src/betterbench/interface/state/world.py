@@ -1,4 +1,4 @@
-"""Changing part of the privileged state: one value per control step."""
+"""Time-varying part of the privileged state, with one value per control step."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.interface.state.info import SceneInfo
 
 
 class Contact(NamedTuple):
-    """One pair of touching bodies, with the sum of the normal forces over all contact points [N].
+    """Pair of touching bodies, with the sum of the normal forces over all contact points [N].
 
     A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
     for speed, because several are created at every control step.
@@ -94,7 +94,7 @@ GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
 
 
 class PrivilegedPolicy(Protocol):
-    """A policy with access to the privileged state: the expert or a faulty policy."""
+    """Policy with access to the privileged state: the expert or a faulty policy."""
 
     @property
     def name(self) -> str:
@@ -105,4 +105,4 @@ class PrivilegedPolicy(Protocol):
 
 
 AnyPolicy = Policy | PrivilegedPolicy
-"""An evaluated policy, or a policy with access to the privileged state."""
+"""Policy of either kind: evaluated, or with access to the privileged state."""

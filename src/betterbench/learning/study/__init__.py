@@ -1,1 +1,1 @@
-"""Studies: learners trained on every arm, evaluated, diagnosed and compared, from a plan to a page."""
+"""Studies: training, evaluation, diagnosis and comparison of learners on every arm, from a plan to a results page."""

@@ -1,4 +1,4 @@
-"""Rates and gaps of learner groups, and the difference between two groups on their common trials."""
+"""Rates and gaps of groups of learners, and differences between two groups on their common trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Doses of a confound: failure rates on variations that break it, by the fraction of demonstrations that have it."""
+"""Dose response of a confound: failure rates on variations that break it, by the fraction of demonstrations with it."""
 
 from __future__ import annotations
 
@@ -93,6 +93,6 @@ def rises(doses: Sequence[DoseFinding]) -> bool | None:
 
 
 def named_when_planted(doses: Sequence[DoseFinding]) -> Figure:
-    """Return the share of failures with a label on the variation's card, over doses with a planted confound."""
+    """Return the share of failures with a label that the variation exposes, over doses with a planted confound."""
     planted = [d.exposed for d in doses if d.dose >= PLANTED and not d.task]
     return Figure.of_rate(Rate(sum(f.k or 0 for f in planted), sum(f.n or 0 for f in planted)))

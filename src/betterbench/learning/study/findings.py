@@ -37,7 +37,7 @@ from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.interventions import resolve_condition
 
 SOLVED = 0.5
-"""Success rate above which a variation is solved, if the interval excludes this rate."""
+"""Success rate that the interval must exceed for a variation to count as solved."""
 DROPPED = 0.5
 """Training success below which a variation counts as failed in the prediction's score."""
 CONTRAST = "balanced against confounded"
@@ -89,7 +89,7 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on the variations whose words, categories and colors were shown to all learners.
+    """Results on the variations whose words, categories and colors were seen by all learners.
 
     Attributes:
         variations: Number of these variations.
@@ -241,7 +241,7 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return the success rate of balanced learners where the other training seeds say that decorrelation is enough."""
+    """Return the balanced learners' success rate where the other training seeds find decorrelation sufficient."""
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -343,7 +343,7 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
 
 
 def reworded(task: str) -> tuple[str, ...]:
-    """Return the variations with the same scene as their twin but another first object in the instruction."""
+    """Return the variations whose scene equals their twin's but whose instruction has another first object."""
     found = []
     for variation in get_task(task).variations:
         twin = resolve_condition(task, variation.base).condition

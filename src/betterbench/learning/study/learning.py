@@ -1,4 +1,4 @@
-"""Training of a study's learners: one in this process, or several in parallel, each in its own process.
+"""Training of the learners of a study, one in this process or several in parallel processes.
 
 A learner of this size uses one CPU core, so two learners in parallel take as long as one.
 """
@@ -50,7 +50,7 @@ class TrainedPolicy:
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
-        """Return a recipe's policy, to be evaluated with the views of its training."""
+        """Return the policy of a recipe, to be evaluated with the same views as in training."""
         if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
@@ -114,7 +114,7 @@ def train_learners(
 
 
 def _listen(learner: _Learner) -> None:
-    """Process one message; raise the process's error, or TrainingError if it ended without a message."""
+    """Handle one message; raise the process's error, or TrainingError if it ended without a message."""
     try:
         said = learner.connection.recv()
     except (EOFError, OSError):

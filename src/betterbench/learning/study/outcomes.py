@@ -89,5 +89,5 @@ def trials_form(trials: Iterable[TrialOutcome]) -> list[dict[str, Any]]:
 
 
 def read_trials(form: object, where: str) -> tuple[TrialOutcome, ...]:
-    """Return the trials of a JSON form. Raises RecordError if it is malformed."""
+    """Parse trials from JSON. Raises RecordError if it is malformed."""
     return read_form(_TRIALS, form, where=where, cure="Delete the file to evaluate again", raises=RecordError)

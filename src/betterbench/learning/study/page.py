@@ -36,8 +36,8 @@ LEAST_SOLVED = 0.70
 LEAST_DECORRELATED = 0.20
 """Expected advantage in success of balanced over diverse-confounded learners on variations, as a fraction."""
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70
-"""Expected share of reworded twins with a changed target: at most, for confounded learners, and at least, for balanced
-ones."""
+"""Expected share of reworded twins with a changed target: at most this for confounded learners, at least this for
+balanced ones."""
 GOOD_AREA = 0.9
 LEAST_NAMED = 0.90
 """Expected share of failed trials of learners with a planted confound in which the diagnosis names the confound."""
@@ -153,7 +153,7 @@ def _duration(seconds: float) -> str:
 
 
 def study_charts(found: StudyFindings) -> Iterator[Chart]:
-    """Yield the figures: success by arm, the share of each gap that balancing removes, and the doses."""
+    """Yield the figures: success by arm, share of each gap removed by balancing, and doses."""
     groups = []
     tasks = list(dict.fromkeys(a.task for a in found.arms if not a.lever))
     for task in tasks:

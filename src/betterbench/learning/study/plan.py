@@ -27,7 +27,7 @@ OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
 """Fields of a recipe that the study sets itself."""
 MOST_LEARNERS = 1000
 MOST_TRIALS = 200_000
-"""Maximum number of trials of the learners of one seed, because all are planned before the first is run."""
+"""Maximum number of trials for the learners of one seed; all are planned before the first is run."""
 _SUM_SLACK = 1e-6
 
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
@@ -41,7 +41,7 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""Regime shares of each role in the findings. An arm with these shares has the role, under any name."""
+"""Regime shares that define each role in the findings. An arm with these shares has the role whatever its name."""
 USUAL_ARMS = ("confounded", "balanced", "covered")
 """Default arms of a plan; all tasks of the suite support them."""
 
@@ -176,7 +176,7 @@ class StudyPlan:
                     yield from (PlannedLearner(task, arm, seed, lever.name) for arm in lever.arms or self.arms)
 
     def start_of(self, learner: PlannedLearner) -> PlannedLearner | None:
-        """Return the learner whose weights another one starts with, or None."""
+        """Return the learner from whose weights another one starts, or None."""
         lever = self._lever_of(learner)
         if lever is None or lever.start is None:
             return None
@@ -191,7 +191,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError for a lever that cannot be compared with the lever that it names."""
+        """Raise InvalidInputError for a lever that cannot be compared with the one that it names."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -320,7 +320,7 @@ _FORM = TypeAdapter(StudyPlan)
 
 
 def read_study_plan(form: object, *, where: str = "plan") -> StudyPlan:
-    """Return the plan of a JSON form.
+    """Parse a study plan from JSON.
 
     Raises:
         InvalidInputError: If a field is missing, unknown or out of range; the message names it.

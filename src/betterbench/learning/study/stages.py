@@ -1,4 +1,4 @@
-"""Stages of a study in order: sets, learners, runs. Finished work is never repeated.
+"""Stages of a study: sets, learners, and runs, in this order. Finished work is never repeated.
 
 ``OUT/stages/NAME.json`` marks a complete stage and contains its inputs, its outputs and a checksum. An interrupted
 stage is resumed by the package that does the work, with the same bytes as result. The output of a stage is verified
@@ -268,7 +268,7 @@ class _Study:
         threads = 0
         for learner in learners:
             if self._plan.start_of(learner) in [one.learner for one in group]:
-                break  # it starts from the weights of a learner in this group
+                break  # this one starts from the weights of a learner in the group
             one = self._learning(learner, hashes)
             threads += one.job.recipe.threads
             if group and threads > self._workshop.threads:
@@ -339,7 +339,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return the output of a stage, from its file if complete with the same inputs, else by doing the work."""
+        """Return the output of a stage, from its file if it is complete for the same inputs, else by running it."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:

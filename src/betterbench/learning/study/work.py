@@ -28,7 +28,7 @@ QUESTIONS = SetOptions(cameras=("front",), quality="fast")
 
 @dataclass(frozen=True, slots=True)
 class Workshop:
-    """Functions that do the work of a study; each resumes where it was interrupted.
+    """Functions that perform the work of a study; each resumes where it was interrupted.
 
     Attributes:
         make_set: Creates the set of a recipe in a folder and returns its hash.

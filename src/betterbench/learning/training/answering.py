@@ -1,4 +1,4 @@
-"""A co-trained learner as a model of ``better vlm``: it answers the questions of a set about recorded frames.
+"""Co-trained learner as a model for ``better vlm``, which answers the questions of a set about recorded frames.
 
 The learner belongs to the family ``objects``. It gets the recorded state of a question's frame in place of the image
 (see :mod:`betterbench.learning.training.own_answers`), and answers with the most likely of the answers that the
@@ -27,9 +27,9 @@ _KEPT_RECORDS = 8
 
 
 class LearnerModel:
-    """A learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
+    """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
 
-    A question is found by its image and its text, because a model gets nothing else. Two options in the same cell of
+    Questions are looked up by image and text, because a model gets nothing else. Two options in the same cell of
     the image have the same class; the learner then chooses one of them by a hash of the question, which is right in one
     of two cases.
     """

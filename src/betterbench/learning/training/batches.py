@@ -1,4 +1,4 @@
-"""Batches of a training set. The frames of a step depend only on seed and step, so that training can be resumed."""
+"""Batches of a training set, which depend only on seed and step so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Batches:
         return found[rank::world]
 
     def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
-        """Return a batch of questions: the observations shown with them, and the correct answers."""
+        """Return a batch of questions: their observations and the correct answers."""
         asked = self._questions
         if asked is None:
             raise AssertionError("questions need co-training")
@@ -119,9 +119,9 @@ def _stream(seed: int, step: int, what: int) -> np.random.Generator:
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
-    """Return frames in which frames at gripper changes are repeated according to their weight.
+    """Return the frames with those at gripper changes repeated according to their weight.
 
-    Fractions are spread evenly.
+    Fractional weights are spread evenly.
     """
     at_gripper = frames[data.at_gripper[frames]]
     extra = recipe.gripper_weight - 1.0

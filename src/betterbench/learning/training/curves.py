@@ -1,4 +1,4 @@
-"""Logs of a training: CSV tables, whose bytes do not depend on interruptions, and curves in SVG."""
+"""Training logs: CSV tables, whose bytes do not depend on interruptions, and SVG curves."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ class Log:
 
     @classmethod
     def read(cls, out: Path, until: int) -> Log:
-        """Read the tables of a folder up to a step; an interrupted training may have logged more than it saved."""
+        """Read the tables of a folder up to a step.
+
+        An interrupted training may have logged beyond its last saved state.
+        """
         return cls(
             _read(out / "loss.csv", LossRow, until),
             _read(out / "validation.csv", PhaseError, until),

@@ -164,7 +164,7 @@ def read_training_set(
 
 
 def require_questions(recipe: TrainingRecipe) -> None:
-    """Raise an error if the question sets of a recipe are not about its demonstrations, without reading these.
+    """Raise an error if the question sets of a recipe are not about its demonstrations, which are not read.
 
     Raises:
         BetterError: As :func:`read_training_set` does.
@@ -243,9 +243,9 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
 
 
 def moving_rows(record: Record, most: int | None) -> np.ndarray:
-    """Return the rows of a record used for training, int64: all but those beyond the first ``most`` of a pause.
+    """Return the rows of a record used for training, int64, keeping only the first ``most`` rows of each pause.
 
-    A demonstrator pauses while the commanded pose and the fingers do not change. The elapsed time of a pause is not
+    A demonstrator pauses while neither the commanded pose nor the fingers change. The elapsed time of a pause is not
     visible in a state, so a learner would prolong pauses, possibly forever.
     """
     if most is None or record.n_steps == 0:
@@ -306,7 +306,7 @@ def _joined(
 
 
 def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
-    """Return the vocabulary of the start checkpoint, if it contains everything in the data."""
+    """Return the vocabulary of the initial checkpoint after checking that it covers the data."""
     from betterbench.policies.learned.checkpoint import checkpoint_file, read_vocabulary  # noqa: PLC0415 - needs torch
 
     known = read_vocabulary(checkpoint_file(start))

@@ -1,4 +1,4 @@
-"""Training loop. Each step depends only on weights, seed and step number, so that training can be resumed."""
+"""Training loop, in which each step depends only on weights, seed and step number so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _CURES = {
     "processes": "Continue with as many processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedies where a resumed training differs in anything but recipe and data."""
+"""Remedies if a resumed training differs in anything other than recipe and data."""
 _PATIENCE = timedelta(hours=6)
 """Maximum wait of the processes for the first process, which validates and writes."""
 
@@ -403,7 +403,7 @@ def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None
 
 
 def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
-    """Write the identity of the training into the folder. Raises RunConflictError if another one is there."""
+    """Write the identity of the training into the folder. Raises RunConflictError if the folder has a different one."""
     path = out / _RECIPE_NAME
     if path.exists():
         there = read_object(path, max_bytes=_MAX_RECIPE, cure="Choose another folder")

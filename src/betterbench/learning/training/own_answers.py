@@ -1,4 +1,4 @@
-"""A co-trained learner's answers about its own trials: the position of the instructed object.
+"""Answers of a co-trained learner about its own trials: the position of the instructed object.
 
 A learner that answers questions in addition to acting may know where the object is and still reach elsewhere. Its
 answer head is evaluated on the recorded states of its own trials, with the same inputs as for actions. It answers with
@@ -37,7 +37,7 @@ _CELL = re.compile(r"([0-7]),([0-7])")
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswer:
-    """A learner's answer about one of its own trials.
+    """Answer of a learner about one of its own trials.
 
     Attributes:
         trial: Task, condition and seed.
@@ -223,7 +223,7 @@ def _nearest(answer: str, about: NamedObject) -> str:
 
 
 def require_answers(learner: Learner, option: str = "--learner") -> None:
-    """Raise InvalidInputError, which names an option, for a learner that answers no questions or uses images."""
+    """Raise an InvalidInputError that names an option for a learner that answers no questions or uses images."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
         problem = "the learner was trained without questions, so it has no answers"

@@ -83,7 +83,7 @@ class AskedQuestions:
 
 
 def question_text(question: Question) -> str:
-    """Return a question with its options in the form for a learner, with boxes replaced by words for cells."""
+    """Return a question with options for a learner, in which boxes are replaced by words for cells."""
     return in_cells(question.prompt, question.width, CELLS)
 
 

@@ -28,7 +28,7 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """Error of a learner's next actions, compared with the demonstrator's, over the frames in one phase.
+    """Error of a learner's next actions relative to the demonstrator's, over the frames of one phase.
 
     Attributes:
         step: Training step.
@@ -136,7 +136,7 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 
 
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
-    """Let a learner act in a trial of a training condition without recording it."""
+    """Run a learner in a trial of a training condition without recording."""
     found, recipe = resolve_condition(trial.task, trial.condition), learner.trained.recipe
     quality = quality_preset("fast" if recipe.sees == "objects" else recipe.eyes.quality)
     scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality)

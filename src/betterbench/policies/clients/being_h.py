@@ -77,7 +77,7 @@ class BeingHClient(ServerClient[BeingHServer]):
 
 
 def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the entries of a request for real-time chunking, or an empty dict if the old chunk is used up.
+    """Return the request entries for real-time chunking, or an empty dict if the old chunk is used up.
 
     The server keeps the first ``delay`` rows of the sent chunk, (..., horizon, dim) in the policy's own action space,
     as the first rows of its new chunk.

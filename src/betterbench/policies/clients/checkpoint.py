@@ -35,7 +35,8 @@ CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
 """Policy types that answer a complete chunk from a single observation. All others keep a memory of observations."""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
-"""Policy types that start from noise. betterbench passes the noise, so an answer does not depend on its batch."""
+"""Policy types that start from noise. betterbench provides the noise, so that an answer does not depend on its
+batch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +175,7 @@ class Checkpoint:
 
     def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
         """Return a policy with the same weights and a separate memory."""
-        # A shallow copy shares the modules; reset() replaces the policy's memory only in this copy.
+        # A shallow copy shares the modules, and reset() replaces only the memory of this copy.
         made = copy.copy(self.policy)
         made.reset()
         return made

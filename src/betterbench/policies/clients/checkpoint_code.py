@@ -27,7 +27,7 @@ _CODE_OF: Mapping[str, str] = {
     "paligemma_tokenizer_name": "google/paligemma-3b-pt-224",
     "tokenizer_assets_repo": "lerobot/eagle2hg-processor-groot-n1p5",
 }
-"""Fields that name a repository with code to run, each with LeRobot's own value."""
+"""Fields that may name a repository with code to run, with LeRobot's own values."""
 
 
 def require_no_code(config: object, files: Mapping[str, Path], where: str) -> None:

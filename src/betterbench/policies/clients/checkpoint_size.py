@@ -14,7 +14,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 _STEPS = ("chunk_size", "action_chunk_size", "horizon", "n_action_steps", "n_obs_steps", "n_action_pred_token")
 _MOST_STEPS = 4096
-"""Longest chunk or history [steps]; the maximum in LeRobot's own configurations is 100."""
+"""Maximum length of a chunk or history [steps]; LeRobot's own configurations use at most 100."""
 
 _ALWAYS_ALLOWED = 16_000_000
 """Number of parameters allowed for any file, because LeRobot builds and then replaces a backbone."""
@@ -42,7 +42,7 @@ def require_short_horizons(config: object, where: str) -> None:
 
 @contextlib.contextmanager
 def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
-    """Limit the number of parameters in networks built in this context by the size of their weights file.
+    """Limit the number of parameters of networks built in this context by the size of the weights file.
 
     A parameter takes at least one byte in the file (four in LeRobot's own files), so a network with more parameters
     than the file has bytes cannot be the saved network. PyTorch reserves the memory of a parameter, registers the

@@ -18,7 +18,7 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request is repeated or a server is contacted again [s]; doubled each time."""
+"""Pause before a request or connection attempt is repeated [s]; doubled each time."""
 
 LONGEST_WAIT_S = 604_800
 """Maximum of deadlines and of ``patience_s`` [s], a week."""
@@ -90,9 +90,9 @@ class ConnectionLimits:
 
 
 class PolicyConnection(Generic[Connection]):
-    """Connection to one server that reopens lost sockets.
+    """Connection to one server, which reopens lost sockets.
 
-    One thread at a time sends requests. Another thread may call :meth:`close`, which ends every wait.
+    Only one thread may send requests at a time. Another thread may call :meth:`close`, which ends every wait.
     """
 
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
@@ -111,7 +111,7 @@ class PolicyConnection(Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Requests, retries and new connections since the last :meth:`count_anew`, by name."""
+        """Counts of requests, retries and new connections since the last :meth:`count_anew`."""
         return {f"policy_{name}": float(count) for name, count in self._counts.items()}
 
     def count_anew(self) -> None:
@@ -154,7 +154,7 @@ class PolicyConnection(Generic[Connection]):
                 return self._connection
 
     def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
-        """Send a request, and repeat it if the connection breaks or the deadline passes.
+        """Send a request, and retry if the connection breaks or the deadline passes.
 
         Args:
             exchange: Function that sends the request over a connection and returns the reply, within the given time

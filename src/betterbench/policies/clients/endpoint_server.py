@@ -1,4 +1,4 @@
-"""Connection to a server with named endpoints over ZeroMQ: GR00T or Being-H, which use different codecs."""
+"""Connection to a ZeroMQ server with named endpoints (GR00T or Being-H, which use different codecs)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class EndpointServer:
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a first request; if it fails, the two sides are incompatible."""
+        """Send a first request, whose failure means that the two sides are incompatible."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:

@@ -43,7 +43,7 @@ logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
 """Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
-(N1.6 and N1.7 with the simulation wrapper), or that map as the request data, without options (N1.5).
+(N1.6 and N1.7 with the simulation wrapper), or this map as the whole request data, without options (N1.5).
 """
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
@@ -53,7 +53,7 @@ RAMP_RATE = 6.0
 """Default decay rate of the constraint on the overlapping actions of a new chunk, as in N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
-"""Allowed deviation of a frozen action, as a share of the largest action."""
+"""Allowed deviation of a frozen action, relative to the largest action."""
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
@@ -250,7 +250,7 @@ class Gr00tHistoryClient(Gr00tClient):
         self._chunk: list[np.ndarray] = []
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode, also on the server if it has a reset endpoint."""
+        """Clear the state of the last episode, also on the server if it has a reset endpoint."""
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
@@ -276,7 +276,7 @@ class Gr00tHistoryClient(Gr00tClient):
         return self._chunk.pop(0)[None]
 
     def _frame(self, step: int) -> Seen:
-        """Return the last observation up to a step; the first observation if there is none before the step."""
+        """Return the last observation up to a step, or the first observation if there is none."""
         before = [s for s in self._frames if s <= step]
         return self._frames[max(before) if before else min(self._frames)]
 
@@ -297,7 +297,7 @@ class Overlap:
 
     @classmethod
     def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
-        """Read the overlap from an address, or None if the address sets none. By default, ``ahead`` steps are frozen.
+        """Read the overlap from an address, or return None if it sets none. By default, ``ahead`` steps are frozen.
 
         Raises InvalidInputError if the numbers contradict each other.
         """
@@ -389,7 +389,7 @@ class Gr00tOverlapClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Return a client of a GR00T server, which takes batches if the server needs no observation history."""
+    """Return a client for a GR00T server, which supports batches if the server needs no observation history."""
     overlap = Overlap.of(address, address.whole("ahead", 0))
     if overlap is not None:
         return Gr00tOverlapClient(address, overlap, seed=seed)

@@ -104,7 +104,7 @@ class HttpServer:
 
 
 class _Source(io.RawIOBase):
-    """Socket with one deadline for all reads, as a file for the HTTP parser of the standard library."""
+    """Socket with one deadline for all reads, with the file interface that the standard library's HTTP parser needs."""
 
     def __init__(self, connected: socket.socket, end: float) -> None:
         self._socket, self._end = connected, end
@@ -180,7 +180,7 @@ class HttpActClient(ServerClient[HttpServer]):
         return actions
 
     def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
-        """Return a request whose state begins with the last executed action of this trial, if any."""
+        """Return a request whose state begins with the last action executed in this trial, if any."""
         feedback, last = self.adapter.feedback, self._last
         if feedback is None or last is None or step <= last[0]:
             return request

@@ -1,6 +1,6 @@
-"""Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
+"""LeRobot policies in this process: ``lerobot:CHECKPOINT``, a folder or a hub id.
 
-The checkpoint declares the images, the state and the action size of its training. The adapter is derived from these
+The checkpoint declares the images, the state and the action size used in training. The adapter is derived from these
 declarations, unless the address names an adapter. The checkpoint's own processors do the normalization.
 
 :mod:`betterbench.policies.clients.lerobot_types` lists policy types and their requirements. Policies that
@@ -41,7 +41,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""Other names of the cameras, from LIBERO in LeRobot's own data sets."""
+"""Alternative camera names, from LIBERO in LeRobot's own data sets."""
 
 _MOST_SHOWN = 12
 """Maximum of differences named in one message."""
@@ -148,7 +148,7 @@ class LerobotStepPolicy(AdaptedPolicy):
 
 
 def load_lerobot(address: PolicyAddress) -> Policy:
-    """Return a checkpoint's policy. It accepts batches if it answers chunks from one observation.
+    """Return the policy of a checkpoint, which accepts batches if it predicts chunks from single observations.
 
     Raises the errors of :class:`Checkpoint` and :func:`derive_adapter`, and HandshakeError if the adapter in the
     address does not match the checkpoint.

@@ -1,8 +1,8 @@
 """Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
 
-The server first sends a map of metadata, and then answers each binary frame with an observation by a frame with
-actions. A text frame is an error and ends the connection. No reset is needed: each observation is independent. Source:
-openpi's ``packages/openpi-client``.
+The server first sends a metadata map, and then answers each observation frame with an action frame. A text frame is an
+error and ends the connection. No reset is needed: each observation is independent. Source: openpi's
+``packages/openpi-client``.
 
 Other servers with this protocol differ in details, which are supported too. Arrays may be marked as by msgpack-numpy:
 in answers, and in requests if the metadata does so or ``arrays=nd`` is given. vLLM-Omni
@@ -97,7 +97,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Wall-clock measurements of the episode so far, by name with their unit."""
+        """Wall-clock measurements of the episode so far, by name (with unit)."""
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
@@ -175,7 +175,7 @@ class OpenpiClient(ServerClient[WebSocket]):
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            # the server also supports this layout; its preset defines the number of action columns
+            # the server also supports this layout, whose preset defines the number of action columns
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)

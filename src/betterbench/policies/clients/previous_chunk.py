@@ -1,4 +1,4 @@
-"""Real-time chunking: the unexecuted rest of an action chunk is sent to the server, to be continued by the next chunk.
+"""Real-time chunking: the unexecuted part of an action chunk is sent to the server to be continued.
 
 A flow model's server can keep the first rows of the sent chunk as the first rows of its new chunk, and guide the rows
 after them. The rows must start at the current control step. Their key in a request differs by server

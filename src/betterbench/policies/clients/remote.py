@@ -86,7 +86,7 @@ class AdaptedPolicy:
     adapter: Adapter
     server: Declaration
     offered: Declaration | None = None
-    """Declaration of this side in the server's terms; None if the server uses our terms."""
+    """Our declaration in the server's terminology, or None if the server uses ours."""
 
     @property
     def _compared(self) -> Declaration:
@@ -173,7 +173,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     @property
     def figures(self) -> dict[str, float]:
-        """Wall-clock measurements of the episode so far, by name with their unit."""
+        """Wall-clock measurements of the episode so far, by name (with unit)."""
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:

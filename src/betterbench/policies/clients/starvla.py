@@ -1,8 +1,8 @@
 """Client of starVLA's websocket server: ``starvla://host:port``.
 
-The server first sends a metadata map, and then answers each request (a map of type, identifier and payload) with a map
-that has the same identifier. A text frame is an error and ends the connection. A payload contains a list of examples,
-so one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
+The server first sends a metadata map, and then answers each request (a map with type, identifier and payload) by a map
+with the same identifier. A text frame is an error and ends the connection. A payload contains a list of examples, so
+one request covers many environments. Arrays are marked as in openpi's variant of msgpack. Source: starVLA,
 ``deployment/model_server``.
 """
 

@@ -1,4 +1,4 @@
-"""Client of vla-evaluation-harness: ``vla-eval://host:port``, about twenty model families with one protocol.
+"""Client of vla-evaluation-harness (``vla-eval://host:port``), with about twenty model families behind one protocol.
 
 Messages are maps of type, payload, sequence number and time. Both sides send a hello. The client then starts an
 episode, the server answers every observation by an action with the same number, and the client ends the episode.
@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats read as a fraction with threshold 0, where the sign decides."""
+"""Gripper formats treated as a fraction with threshold 0, so that the sign decides."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -161,7 +161,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         self._running_on = connection
 
     def _end_episode(self) -> None:
-        """Report the end of the episode to a connected server, without the outcome, which the policy must not learn."""
+        """Report the end of the episode to a connected server, without revealing the outcome to the policy."""
         connection, self._running_on = self._running_on, None
         if connection is None or not self._connection.holds(connection):
             return
@@ -204,7 +204,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
-    """Return the adapter without the entries that a server does not request.
+    """Return the adapter restricted to the entries that a server requests.
 
     The harness sends the wrist camera and the state only to servers that request them, by ``observation_params`` or by
     a component in ``observation_spec``. Some servers use every entry they get, so only requested entries are sent. If
@@ -262,7 +262,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
             "Give adapter=FILE that reads joints, and --action-space with it."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
-    # a format known to both sides gets the same name; otherwise each side keeps its own name
+    # a format known to both sides gets the same name; otherwise, each side keeps its own
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
@@ -294,7 +294,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """Component as declared by one side: its format and any other formats that it accepts."""
+    """Component as declared by one side: its format, and other formats that it accepts."""
 
     format: str | None
     accepts: tuple[str, ...]

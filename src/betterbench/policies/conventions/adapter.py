@@ -62,7 +62,7 @@ class InstructionRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ConstantRule:
-    """Entry that is constant in every request, such as the name of a normalization.
+    """Constant entry of every request, such as the name of a normalization.
 
     Attributes:
         value: Value to send; None for an entry without a safe default, which the address must give (``send.KEY=``).
@@ -279,7 +279,7 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return the adapter with other cameras for some keys; nested keys are joined by "/".
+        """Return the adapter with different cameras for some keys; nested keys are joined by "/".
 
         Raises UnknownNameError if the adapter has no such key.
         """
@@ -311,7 +311,7 @@ class Adapter:
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
-        """Read the JSON form.
+        """Read an adapter from JSON.
 
         Raises InvalidInputError if a field is missing, unknown or malformed, and UnknownNameError for an unknown action
         space.
@@ -344,12 +344,12 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form in which keys with a single name are strings."""
+    """Return JSON in which keys with a single name are strings."""
     return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
-    """Return a JSON form in which all keys are lists."""
+    """Return JSON in which all keys are lists."""
     return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
 
 

@@ -36,10 +36,9 @@ AnswerKind = Literal[
     "gripper",
     "unused",
 ]
-"""Meaning of some answer columns: a complete action in betterbench's format, or one part of it.
-
-The translation of an absolute pose is its position. A translation, or a rotation with three numbers, may be given axis
-by axis: ``rotation_x`` is the first number of the rotation format, that is the x of a rotation vector or the roll.
+"""Meaning of answer columns: a complete action in betterbench's format, or one part of it. For an absolute pose, the
+translation is the position. A translation, or a rotation with three numbers, may be given axis by axis: ``rotation_x``
+is the first number of the rotation format, that is the x of a rotation vector or the roll.
 """
 
 Polarity = Literal[
@@ -52,12 +51,11 @@ Polarity = Literal[
     "closed_linear",
     "open_linear",
 ]
-"""Convention of the gripper value in an answer.
-
-``close_positive`` and ``open_positive`` pass on the number, whose sign decides. The other conventions are fractions,
-with 1 for closed or 1 for open. ``closed_fraction`` closes above the threshold and opens otherwise, ``closed_at_least``
-also closes at the threshold, ``open_fraction`` opens above it and closes otherwise. ``open_sign`` is the sign of 1 - 2
-g, so that exactly 0.5 keeps the gripper unchanged. ``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
+"""Convention of the gripper value in an answer. ``close_positive`` and ``open_positive`` keep the number, whose sign
+decides. The other conventions are fractions, with 1 for closed or 1 for open. ``closed_fraction`` closes above the
+threshold and opens otherwise, ``closed_at_least`` also closes at the threshold, ``open_fraction`` opens above it and
+closes otherwise. ``open_sign`` is the sign of 1 - 2 g, so that exactly 0.5 keeps the gripper unchanged.
+``closed_linear`` and ``open_linear`` pass on 2 g - 1 and 1 - 2 g.
 """
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
@@ -84,7 +82,7 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
     "rotation": ("rotation_x", "rotation_y", "rotation_z"),
 }
-"""Kinds that may be given axis by axis."""
+"""Kinds that may be given per axis."""
 
 
 @strict_form
@@ -378,7 +376,10 @@ class AnswerRule:
         return np.concatenate([translation, np.array(turns)], axis=1)
 
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Rotate deltas from the tool frame to the base frame, in place. Each step rotates the next tool frame."""
+        """Rotate deltas from the tool frame to the base frame, in place.
+
+        Each step also rotates the tool frame of the next one.
+        """
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             turn = from_axis_angle(rotation[i].tolist())

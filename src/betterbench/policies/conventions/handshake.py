@@ -97,7 +97,10 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 
 
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
-    """Return the declaration of an adapter's inputs and answers, at its own control rate if ``rate_hz`` is None."""
+    """Return the declaration of an adapter's inputs and answers.
+
+    ``rate_hz`` None means the adapter's own control rate.
+    """
     answer = adapter.answer
     space = action_space(answer.space)
     absolute = answer.space == "ee_pose"
@@ -183,7 +186,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
 
 
 def space_cure(space: str) -> str:
-    """Return the remedy for a policy that answers in another action space than the run.
+    """Return the remedy for a policy whose action space differs from that of the run.
 
     Other worlds have a fixed action space, so the option does not exist there.
     """

@@ -13,7 +13,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""Fitting of an image with another aspect ratio: black bars, cropping, or distortion."""
+"""How to fit an image with a different aspect ratio: black bars, cropping, or distortion."""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Degrees, counter-clockwise."""

@@ -64,7 +64,7 @@ VLA_EVAL_CALVIN = Adapter(
     answer=AnswerRule(CALVIN_DELTA.name, twist("actions")),
     control_rate_hz=CONTROL_RATE_HZ,
 )
-"""vla-evaluation-harness in CALVIN: deltas in meters and radians that are added up to absolute poses.
+"""vla-evaluation-harness in CALVIN: deltas in meters and radians, accumulated to absolute poses.
 
 The harness scales images to [-1, 1] and back, which can change a value by 1 of 255; here they are sent unchanged.
 """

@@ -1,4 +1,4 @@
-"""LIBERO's own conventions, for checkpoints that were trained on LIBERO instead of our demonstrations.
+"""LIBERO's own conventions, for checkpoints trained on LIBERO instead of our demonstrations.
 
 - **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
   gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,

@@ -436,7 +436,7 @@ OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.ans
 """Presets whose actions betterbench's own scenes can execute."""
 
 UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
-"""Original layout of each preset that converts our observations to LIBERO's conventions. LIBERO itself uses it."""
+"""Original layout of each preset that converts our observations to LIBERO's conventions, for use in LIBERO itself."""
 
 
 def preset(name: str) -> Adapter:

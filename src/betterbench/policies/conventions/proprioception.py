@@ -60,9 +60,7 @@ StatePart = Literal[
     "so101_degrees",
     "so101_normalized",
 ]
-"""Part of a robot state.
-
-A part with the name of an action space of one robot's own motors has the measured positions in that space's units.
+"""Part of a robot state; one named after an action space in motor units contains the measured positions in these units.
 
 ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is rotated from pointing straight
 down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
@@ -81,7 +79,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts that are a single component of a vector: name of the vector and index."""
+"""Parts that are one component of a vector: name of the vector, and index."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -96,7 +94,7 @@ _SIZES: dict[str, int] = {
     **{name: space.dim for name, space in ROBOT_ACTION_SPACES.items()},
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
 }
-"""Number of values of each part, of the Panda where it depends on the robot."""
+"""Number of values of each part; for the Panda if it depends on the robot."""
 
 _PER_JOINT = ("joint_positions", "joint_velocities")
 """Parts with one value per arm joint."""
@@ -139,7 +137,7 @@ class StateRule:
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self, joints: int | None = None) -> list[tuple[StatePart, slice]]:
-        """Return the columns of the vector for each part, for an arm of ``joints`` joints; the Panda's if None."""
+        """Return the vector's columns for each part, for an arm with ``joints`` joints, by default the Panda."""
         found, begin = [], 0
         for part in self.parts:
             end = begin + (joints if joints and part in _PER_JOINT else _SIZES.get(part, 1))
@@ -188,7 +186,7 @@ def tool_position(
 
 
 def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
-    """Return the values of one complete state part other than a position."""
+    """Return the values of a complete state part other than a position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
@@ -236,7 +234,7 @@ def _motor_positions(space: ActionSpace, observation: Observation) -> list[float
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
     """Return a tool rotation in a format, continuous where the tool points down.
 
-    Pointing down is half a turn about x, where the scalar part of the quaternion crosses zero. The rule w >= 0 would
+    Pointing down is a half turn about x, at which the scalar part of the quaternion crosses zero. The rule w >= 0 would
     flip all four signs there, and the roll would jump by a full turn between two images.
     """
     values = to_format(q, form)

@@ -1,4 +1,4 @@
-"""Requests to a betterbench server: observations in one of two layouts, checked field by field.
+"""Parsing of requests to a betterbench server: observations in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) contains the complete :class:`Observation`. Other clients send the LIBERO
 layout of openpi: two images, eight numbers and the instruction. This layout lacks joint angles; they are then NaN, so
@@ -192,7 +192,7 @@ def _whole(value: object, where: str) -> int:
 def _numbers(value: object, where: str, count: int | None) -> np.ndarray:
     """Return a flat float64 array of finite numbers in the range of a robot's measurements.
 
-    A ``count`` of None stands for one number per joint, at most 32.
+    A ``count`` of None means one number per joint, at most 32.
     """
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: received arrays are read-only

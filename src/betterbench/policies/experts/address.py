@@ -24,7 +24,7 @@ ZOO_FORM = AddressForm(scheme="zoo", example="zoo:lexical", target="optional", o
 PROBE_FORM = AddressForm(scheme="probe", example="probe:no-language", target="optional", options=OPTIONS)
 
 WITNESS = "expert:witness"
-"""The expert that also records which faulty rules make the same decisions (see
+"""Address of the expert that also records which faulty rules make the same decisions (see
 :mod:`betterbench.policies.experts.witness`)."""
 
 

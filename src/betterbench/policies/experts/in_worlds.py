@@ -15,7 +15,7 @@ EXPERTS_IN: Mapping[str, Callable[[str, Any], PrivilegedPolicy]] = {
     OURS.name: make_expert,
     LIBERO.name: libero.LiberoAgent,
 }
-"""Constructors of a policy from an address and a scene, by the name of the world (``scene.world``)."""
+"""Policy constructors by world (``scene.world``), called with an address and a scene."""
 
 POLICIES_IN: Mapping[str, tuple[str, ...]] = {LIBERO.title: tuple(libero.POLICIES)}
 """Addresses of the policies that support another world's state, by title of the world."""

@@ -1,4 +1,4 @@
-"""Privileged policies in LIBERO: an expert for pick and place, and faulty policies that calibrate the diagnosis there.
+"""Privileged policies in LIBERO: a pick-and-place expert, and faulty policies that calibrate the diagnosis there.
 
 The policies act through robosuite's ``OSC_POSE``, whose deltas start from the measured pose. Each action is therefore
 the difference between the goal and the measured pose. The fingers close along the x axis of LIBERO's tool.
@@ -31,7 +31,7 @@ HAND_ABOVE_M = 0.035
 """Height of the hand above the tool center point [m]."""
 
 HAND_HALF_M = (0.04, 0.11)
-"""Half of the space that the hand takes across the fingers' axis and along it [m]."""
+"""Half extents of the hand across the fingers' axis and along it [m]."""
 
 HOME_YAW = 0.5 * math.pi
 """Heading of the fingers' axis at home [rad]."""
@@ -54,7 +54,7 @@ POLICIES = {
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """Object to carry and its target position, for the center of the object's bottom [m].
+    """Object to carry, with the target position of the center of its bottom [m].
 
     ``fault`` is the fault of a wrong target, recorded only after the object has been carried there.
     """
@@ -164,7 +164,7 @@ class LiberoAgent:
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
-        """Return the slots from which a rule picks, first choice first, and the label for a wrong pick."""
+        """Return the slots from which a rule picks, in order of preference, and the label for a wrong pick."""
         here = {slot.name for slot in state.info.slots}
         trained = self._trained
         if self._rule == "zoo:layout":
@@ -328,7 +328,7 @@ def _place_of(state: WorldState, step: CarriedStep) -> Vector:
 
 
 def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
-    """Return a step's target position if the target is at ``there`` [m]; in a container, it is above the rim."""
+    """Return the target position of a step for a target at ``there`` [m]; for a container, it is above the rim."""
     target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)

@@ -12,7 +12,7 @@ from betterbench.geometry import Pose, angle_between, distance, straight_way, to
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
-"""A motion yields actions, receives the state after each action, and returns the last state."""
+"""Generator of a motion, which yields actions, receives the state after each action, and returns the last state."""
 
 OPEN, CLOSE = -1.0, 1.0
 TRANSLATION_PER_UNIT_M = 0.05
@@ -41,7 +41,7 @@ FREE = Pace(0.50, 0.15, 1.6, 1.8)
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
 """Pace with an object in the gripper; an object held with 40 N slips by less than 1 mm."""
 RAILS = Pace(0.14, 0.05, 0.4)
-"""Pace of a drawer, slow enough to keep its contents from sliding."""
+"""Pace for moving a drawer, slow enough to keep its contents from sliding."""
 APPROACH = Pace(0.16, 0.05, 0.6)
 """Pace of the last stretch before contact."""
 

@@ -35,13 +35,13 @@ DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
 """Allowed position and angle error of a checked configuration; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
-"""Maximum joint motion between two checked configurations; a larger motion means another posture of the arm."""
+"""Maximum joint motion between two checked configurations; a larger motion implies a different arm posture."""
 COMFORT_RAD = 0.3
-"""Preferred distance from the joint limits, because a wrist at its limit cannot rotate further."""
+"""Preferred distance from joint limits, because a wrist at its limit cannot rotate further."""
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Reason for rejecting a path that would need another arm posture."""
+"""Reason for rejecting a path that would require a different arm posture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +274,7 @@ class Planner:
         held: str | None = None,
         T_tcp_object: Pose | None = None,
     ) -> list[float] | None:
-        """Return the joints at the end of a given path [rad], or None if it has a collision or is out of reach.
+        """Return the joint angles at the end of a given path [rad], or None if it collides or is out of reach.
 
         Args:
             state: Current state.
@@ -346,7 +346,7 @@ class Planner:
         return result.q if free >= margin else None
 
     def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
-        """Return the tool pose at joint angles found for a pose, which has another rotation if the arm has slack."""
+        """Return the tool pose at joint angles found for a pose, whose rotation may differ if the arm has slack."""
         return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
     def _transit(

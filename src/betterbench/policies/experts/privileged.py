@@ -24,7 +24,7 @@ from betterbench.tasks.demonstrated import Releases, demonstrated_if_measured
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 MAX_DECISIONS = 12
-"""Maximum number of decisions before a policy gives up: twice the longest chain of the suite."""
+"""Maximum number of decisions before a policy gives up: twice the longest chain in the suite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ class ExecutionNoise:
 class _DecisionLoop:
     """Loop that turns the decisions of a rule into actions.
 
-    Neither the loop nor its generator refers to the agent, because a reference cycle would keep the scene in memory
-    until a garbage collection.
+    Neither the loop nor its generator references the agent, because a reference cycle would keep the scene in memory
+    until garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -104,10 +104,10 @@ class _DecisionLoop:
 
 
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
-    """Return the release points of demonstrations at a scene's targets, by target, relation and region.
+    """Return the demonstrated release points at a scene's targets, by target, relation and region.
 
-    In trials, the expert follows these points, to show that trained motions solve the trial. Demonstrations themselves
-    have no release points to follow.
+    In trials, the expert uses these points to show that trained motions solve the trial. Demonstrations themselves have
+    no release points to follow.
     """
     return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
 

@@ -1,6 +1,6 @@
 """Open-loop probes, which replay the motion of a demonstration and ignore observations.
 
-If scenes can be solved without observations, a benchmark measures memory. ``probe:replay`` replays a demonstration of
+A benchmark whose scenes can be solved without observations measures memory. ``probe:replay`` replays a demonstration of
 the twin's condition, usually the same instruction in the same layout. ``probe:no-images`` replays a demonstration of
 the trained instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in the training data
 of a policy. The probes miss objects at other positions.

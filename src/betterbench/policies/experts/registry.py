@@ -87,7 +87,7 @@ def witnessed() -> tuple[str, ...]:
 
 
 def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
-    """Return the addresses of the privileged policies: all, or only addresses of one form."""
+    """Return the addresses of all privileged policies, or only those with one form of address."""
     return tuple(name for name in (*EXPERTS, *REPLAYS) if form is None or form.has(name))
 
 

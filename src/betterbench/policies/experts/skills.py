@@ -35,10 +35,11 @@ from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.placing import foot_offset
 
 SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
-"""A skill yields actions, receives states, and returns the last state and whether it succeeded."""
+"""Generator of a skill, which yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal is trained; the rest allows for arm position errors."""
+"""Share of the certificate's tolerances within which a goal counts as trained; the rest allows for arm position
+errors."""
 PRESS_M = 0.004
 """Distance beyond the stop to which a drawer is pushed, to overcome friction when closing [m]."""
 KNOB_RELEASE_M = 0.016
@@ -205,7 +206,7 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order of attempts, with equal goals in random order (drawn per object kind).
+        """Return goals in the order in which they are tried, with equal goals in random order (drawn per object kind).
 
         In a container, the release points of demonstrations come first.
         """

@@ -11,7 +11,7 @@ from betterbench.tasks.interventions import vary
 
 
 class NoLanguage(BrokenRule):
-    """Follows a random instruction of the task that is possible in this scene; this may be the given instruction.
+    """Follows a random instruction of the task that is possible in this scene, which may be the given one.
 
     If such a policy succeeds more often than a random choice among these instructions, the scene reveals the answer.
     """

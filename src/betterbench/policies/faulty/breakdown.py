@@ -9,7 +9,7 @@ from betterbench.tasks import Expected, Label
 
 
 class Slow(BrokenRule):
-    """Decides like the expert, but moves too slowly for the step limit."""
+    """Decides like the expert, but moves too slowly to finish within the step limit."""
 
     speed = 0.1
     """Fraction of the expert's speed; the step limit leaves three times the expert's time."""

@@ -10,7 +10,7 @@ from betterbench.tasks.authoring.training_distribution import pairing
 
 
 class Halt(BrokenRule):
-    """Starts, and stops for good if training never showed this instruction in this scene."""
+    """Starts, but stops for good if training never showed this instruction in this scene."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

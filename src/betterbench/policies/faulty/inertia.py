@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
-    """Begins with training's most frequent first step, even if that step's object is missing.
+    """Begins with the most frequent first step of training, even if its object is missing.
 
     If several kinds were equally frequent in training, the instruction chooses among them.
     """

@@ -72,7 +72,7 @@ class Repeat(BrokenRule):
 
 
 class Sequence(BrokenRule):
-    """After the first step, executes the step that followed in training, whether requested or not."""
+    """After the first step, executes the step that followed it in training, whether requested or not."""
 
     label = Label.CAUSAL_CONFUSION
 
@@ -102,7 +102,7 @@ class Sequence(BrokenRule):
             return label
         if not any(decision.object in self.condition.resolve(g.reference) for g in self.goals):
             return Label.BEHAVIORAL_INERTIA
-        # executes the skipped step later, so in an ordered instruction only the order is wrong
+        # executes the skipped step later, so only the order is wrong in an ordered instruction
         return Label.ORDER_VIOLATION if self.condition.instruction.ordered else label
 
 

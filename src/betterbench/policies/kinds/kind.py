@@ -1,4 +1,4 @@
-"""Policy kinds as values, and the registry of all kinds."""
+"""Policy kinds and their registry."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """Policy kind: address format, needs, and constructor.
+    """Policy kind: address format, requirements, and constructor.
 
     The functions get an address checked by :attr:`read`, and raise a BetterError on failure.
 
@@ -155,7 +155,10 @@ class PolicyKind:
         return self.form.read(text, world=world) if self.read is None else self.read(text, world)
 
     def needs_of(self, text: str) -> PolicyNeeds:
-        """Return the needs of an address's policy; raise the errors of :meth:`parse` if they depend on the address."""
+        """Return the requirements of the policy at an address.
+
+        Raises the errors of :meth:`parse` if they depend on the address.
+        """
         return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
 
     def entries(self) -> tuple[PolicyEntry, ...]:
@@ -184,7 +187,7 @@ def register(kind: PolicyKind) -> PolicyKind:
 
 
 def find_kind(address: str) -> PolicyKind | None:
-    """Return an address's kind, or None if no kind has such addresses."""
+    """Return the kind of an address, or None if no kind matches."""
     return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
 
 

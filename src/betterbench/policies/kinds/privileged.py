@@ -1,4 +1,4 @@
-"""Parts shared by the kinds of built-in privileged policies: names, options and constructor."""
+"""Code shared by the kinds of built-in privileged policies: names, options and constructor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Add the privileged policies with one form of address to the registry."""
+    """Register the privileged policies with one form of address."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names

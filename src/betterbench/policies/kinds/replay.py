@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class Replay:
-    """Replay of the record with the same seed in another run: from the same condition, or else from its twin.
+    """Replay of the record with the same seed in another run, from the same condition or else from its twin.
 
-    After the end of the record, the policy does not move.
+    After the end of the record, the policy holds still.
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""Learned policies: inputs, networks, checkpoints, and policies that act with a checkpoint.
+"""Learned policies: inputs, networks, checkpoints, and the policies that run them.
 
 Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`loading`
 imports them on demand.

@@ -128,7 +128,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
 
 
 def checkpoint_file(place: str) -> Path:
-    """Return the checkpoint file that a recipe names as its start, directly or by folder.
+    """Return the initial checkpoint named in a recipe, as a file or by its folder.
 
     Raises InvalidInputError if no checkpoint exists.
     """
@@ -185,9 +185,9 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
 
 
 def require_code(about: Mapping[str, Any], where: str) -> None:
-    """Reject weights whose family is defined by other code than during training.
+    """Reject weights whose family's code has changed since training.
 
-    Reading the recipe rejects unknown families by name.
+    Unknown family names are rejected when the recipe is read.
     """
     recipe, code = about.get("recipe"), about.get("code")
     family = str(recipe.get("family")) if isinstance(recipe, dict) else ""

@@ -17,7 +17,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks.user_files import load_declared, registered
 
 Sees = Literal["objects", "pixels"]
-"""Input of a learner: the state as a perfect detector would report it, or images."""
+"""Kind of learner input: the state as a perfect detector would report it, or images."""
 Option = bool | int | float | str
 MakerT = TypeVar("MakerT", bound=Callable[..., Any])
 

@@ -19,9 +19,9 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Length scales at which an object's position relative to the tool is an input of the learner [m]."""
+"""Length scales at which object positions relative to the tool are given to the learner [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wavelengths of the sines and cosines for that position [m], which resolve millimeters."""
+"""Wavelengths of the sines and cosines of these positions [m], which resolve millimeters."""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
@@ -65,7 +65,7 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions in a batch: inputs, with the question in place of the instruction, and answers.
+    """Questions of a batch: inputs, in which the question replaces the instruction, and answers.
 
     Attributes:
         answers: (B,) int64 indices of the correct answers.
@@ -316,7 +316,7 @@ class TokenNetwork(LearnerNetwork):
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
         self.open_eyes(width, vocabulary)
-        # unused modules are not made, because they would have no gradient
+        # unused modules are not created, because they would have no gradient
         if self.given:
             self.state = nn.ModuleDict(
                 {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}

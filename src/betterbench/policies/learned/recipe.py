@@ -1,4 +1,4 @@
-"""Training recipes; they contain all settings that determine a learner's weights."""
+"""Training recipes, which contain all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """Image input for a learner of the ``pixels`` family: a camera image, or part of it.
+    """Image input of a learner in the ``pixels`` family: a camera image, or part of it.
 
     Attributes:
         camera: Camera name.
@@ -270,7 +270,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity itself, also if the recipe only names it."""
+        """The capacity, looked up if the recipe only names it."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
@@ -313,7 +313,7 @@ class TrainingRecipe:
         """Return a JSON-serializable dict with all defaults; unused ``co_training`` and ``options`` are left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
-            del form["co_training"]  # left out so that a training started before this field existed can resume
+            del form["co_training"]  # omitted so that trainings from before this field existed can be resumed
         if not self.options:
             del form["options"]
         return form
@@ -332,7 +332,7 @@ _FORM = TypeAdapter(TrainingRecipe)
 def read_training_recipe(
     form: object, *, where: str = "recipe", changes: Mapping[str, Any] | None = None
 ) -> TrainingRecipe:
-    """Return the recipe of a JSON form.
+    """Parse a recipe from JSON.
 
     Args:
         form: The fields, as a mapping or a JSON string.

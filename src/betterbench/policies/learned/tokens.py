@@ -1,7 +1,6 @@
 """Inputs for a learner of the ``objects`` family: the tool, and detectable properties of each object.
 
-An object's name, role and slot, the held object and the task's goal are left out, because they would reveal the
-answer.
+Name, role and slot of objects, the held object and the task's goal are excluded, because they would reveal the answer.
 """
 
 from __future__ import annotations

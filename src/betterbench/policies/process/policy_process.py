@@ -63,9 +63,9 @@ MARK = "BETTERBENCH_POLICY_PROCESS"
 class PolicyProcess:
     """Client side of a policy in a separate process.
 
-    After its process has ended, the next request starts another process with a new policy. A new process is also
-    started after a failed episode, unless the policy holds weights, to keep failures from affecting later episodes. The
-    process leads its own session, which separates its signals from the run's.
+    If the process has ended, the next request starts a new one with a new policy. A new process is also started after a
+    failed episode, unless the policy holds weights, to keep failures from affecting later episodes. The process leads
+    its own session, which separates its signals from the run's.
 
     Attributes:
         info: Policy declarations.

@@ -1,4 +1,4 @@
-"""Reading of messages from a policy's process. Every part is checked, because a policy can send anything."""
+"""Validation of messages from a policy's process, which can send anything."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies for ``POST /act``: JSON with arrays in json-numpy format.
+"""Encoding of ``POST /act`` bodies: JSON with arrays in json-numpy format.
 
 An array is a map with its bytes in base64 (``__numpy__``), its type and its shape. The body may contain that map, or a
 string with the JSON of the map. Bodies are untrusted, like the frames of :mod:`betterbench.policies.protocols.wire`:

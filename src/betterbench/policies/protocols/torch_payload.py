@@ -1,4 +1,4 @@
-"""Reading of payloads written by torch, without running code in them.
+"""Reader of payloads written by torch, which runs no code in them.
 
 Being-H servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named by
 the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. The list of allowed

@@ -31,7 +31,7 @@ MAX_FRAME_BYTES = 256 * 1024 * 1024
 """Largest accepted frame [byte]: about 1,300 images of 256 x 256."""
 
 MAX_VALUES = 200_000
-"""Largest number of values in a frame, array elements not counted."""
+"""Maximum number of values in a frame, array elements not counted."""
 
 MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""

@@ -1,1 +1,1 @@
-"""Server side of the openpi protocol: connections, their callers, and a budget for frame sizes."""
+"""Server side of the openpi protocol: connections, access control, and a memory budget for frames."""

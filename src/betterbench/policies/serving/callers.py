@@ -1,7 +1,7 @@
-"""Access check for local servers, which admits programs and the server's own pages but not pages from other sites.
+"""Access control for local servers, which admits programs and the server's own pages but not pages from other sites.
 
-A browser lets any page open a connection to this machine. The browser sends the page's site (``Origin``) and the host
-name used for the server (``Host``), which reveals a foreign site name that resolves to this machine.
+It is needed because a browser lets any page connect to this machine. The browser sends the page's site (``Origin``) and
+the host name used for the server (``Host``), which reveals a foreign site name that resolves to this machine.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def is_own_host(values: Sequence[str], bound: str) -> bool:
 
 
 def is_own_origin(values: Sequence[str], hosts: Sequence[str]) -> bool:
-    """Tell whether a request's ``Origin`` headers, if any, equal the address in its ``Host`` header."""
+    """Return whether a request's ``Origin`` headers, if any, match the address in its ``Host`` header."""
     return not values or (len(hosts) == 1 and list(values) == [f"http://{hosts[0]}"])
 
 

@@ -18,7 +18,7 @@ _KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP
 
 
 class Listener(socket.socket):
-    """A listening TCP socket whose ``accept`` waits while ``most`` connections are open, if there is a limit.
+    """Listening TCP socket whose ``accept`` waits while ``most`` connections are open, if limited.
 
     ``accept`` also waits if there are no descriptors or memory for another connection, instead of ending the server's
     loop. A peer that disappears without closing is detected after three minutes.

@@ -190,7 +190,7 @@ class PolicyServer:
         return None
 
     def _room_made(self) -> bool:
-        """Drop a client that is stuck within a message or silent for long; return whether a slot will be free soon."""
+        """Drop a client that is stuck in a message or silent for long; return whether a slot will soon be free."""
         self._budget.cut_stuck()
         is_let_go = self._let_silent_go()
         end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)

@@ -12,7 +12,7 @@ from betterbench.records.modalities.spec import MODALITIES, ViewSpec
 
 
 class ViewColumn(NamedTuple):
-    """One column: the shape of its value in one row, and the type of its numbers.
+    """Column of a modality file: shape of the value per row, and type of its numbers.
 
     An image is a fixed number of bytes in Parquet; everything else is a number or a fixed-length list.
     """

@@ -1,7 +1,7 @@
 """Modality files, written in row groups and read row by row.
 
-A file's footer contains the header, a checksum of the footer, and the SHA-256 of each row group. All checksums are
-verified before the Parquet reader, which is native code, reads the bytes.
+The footer contains the header, its own checksum, and the SHA-256 of each row group. All checksums are verified before
+the Parquet reader, which is native code, reads the bytes.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _TAIL = 8
 
 
 class _Sink(io.RawIOBase):
-    """Output that computes a digest of each row group, and delays the footer until its checksum is known."""
+    """Output stream that hashes each row group and holds back the footer until its checksum is known."""
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()

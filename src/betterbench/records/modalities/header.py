@@ -1,4 +1,4 @@
-"""Header of a modality file: its trial, its view and its modalities."""
+"""Header of a modality file, with its trial, view and modalities."""
 
 from __future__ import annotations
 

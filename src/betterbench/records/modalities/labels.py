@@ -1,4 +1,4 @@
-"""Ids in masks: instance ids within a scene, and semantic ids by category, the same in every scene."""
+"""Ids in masks: instance ids within a scene, and semantic ids by category, which are the same in every scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NOTHING = 0
 """Instance and semantic id of pixels without a body: the sky."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""Parts of a scene that are not objects, in order of their instance ids from 1; "other" is everything else."""
+"""Parts of a scene other than objects, in order of their instance ids from 1; "other" is everything else."""
 
 FIRST_OBJECT = 10
 """Instance id of a scene's first object; the others follow in the order of ``scene.objects``."""

@@ -16,13 +16,13 @@ from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks.labels import Kind
 
 MODES_SHOWN = 6
-"""Number of failure modes that the chart shows per policy; the CSV file of trials has all of them."""
+"""Maximum number of failure modes per policy in the chart; the CSV file of trials has all of them."""
 
 HOLM_NOTE = (
     " An interval may exclude zero although p is large: the interval is for this row only, while p is exact for few "
     "pairs and corrected for the number of axes (Holm). Only a small p shows a gap."
 )
-"""Note below the gap chart for rows in which an interval and its p-value seem to contradict each other."""
+"""Note below the gap chart about rows in which an interval and its p-value seem contradictory."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
 TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."

@@ -1,4 +1,4 @@
-"""Charts as SVG, drawn from one description in a wide form for screens and paper and a narrow form for phones."""
+"""SVG charts, drawn from one description in a wide version for screens and paper and a narrow version for phones."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class BarGroup:
-    """Rows under one title, which may be empty."""
+    """Rows of a chart under one title, which may be empty."""
 
     title: str
     rows: tuple[Bar, ...]

@@ -1,4 +1,4 @@
-"""Films: a few frames of a trial and its training twin, rendered elsewhere and shown next to the evidence."""
+"""Films: a few frames of a trial and its training twin, rendered elsewhere, to be shown next to the evidence."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""Time between the evidence and the frame before it, or after it if the evidence is short [s]. A reach over the table
-takes one to two seconds, a grasp a fifth of a second."""
+"""Time from the evidence to the frame before it and, for short evidence, to the frame after it [s]. A reach over the
+table takes one to two seconds, a grasp a fifth of a second."""
 
 ACTS = ("attempt", "evidence", "same step")
 """Captions of a film's main frame; "same step" is for a twin's frame that is not a grasp."""
@@ -88,7 +88,7 @@ class Showing:
 
     @property
     def key(self) -> str:
-        """Name of its film among the films of several policies."""
+        """Unique name of its film among the films of several policies."""
         return film_key(self.policy, self.trial)
 
 

@@ -1,4 +1,4 @@
-"""The player: a page for one trial with film, masks, boxes, subgoals and contacts on one timeline."""
+"""Player: page for one trial with film, masks, boxes, subgoals and contacts on one timeline."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.report.html import asset, environment, write
 
 _HEAD_BYTES = 1 << 18
 _MARKS = (b'<main class="player">', b'<script type="application/json" id="data">')
-"""Marks that identify a page of the player, near its beginning and after the style."""
+"""Markers that identify a player page, near its beginning and after the style."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Page of a generated suite: certified tasks with their cards, and rejected scenarios with the attempts."""
+"""Page of a generated suite: certified tasks with their cards, and rejected scenarios with their attempts."""
 
 from __future__ import annotations
 

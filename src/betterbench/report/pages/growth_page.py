@@ -1,4 +1,4 @@
-"""Page of a grown suite: quotas, certified tasks with their cards, refusals by clause, and near-duplicates."""
+"""Page of a grown suite: quotas, certified tasks with their cards, rejections by clause, and near-duplicates."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def refusal_groups(refused: Sequence[Result]) -> list[RefusalGroup]:
 
 
 def _finding(result: Result) -> str:
-    """Return the failed clause of the first attempt, or the stage that it did not pass."""
+    """Return the clause that the first attempt failed, or the stage that it did not pass."""
     first = result.attempts[0]
     if first.failures:
         clause = first.failures[0].clause

@@ -1,4 +1,4 @@
-"""The trials as compact data for the page: each string once, and one array per trial."""
+"""Compact trial data for the page: each string is stored once, and each trial is an array."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 
 
 class StringTable:
-    """Table of texts by index, so that a page contains each text only once; None has the index −1."""
+    """Table of texts by index, so that each text occurs only once on a page; None has the index −1."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []

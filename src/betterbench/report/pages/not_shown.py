@@ -18,9 +18,9 @@ _ABILITIES = {
     "zoo:color": "distinguishes the requested object from objects of the same color",
     "zoo:shape": "distinguishes the requested object from objects of the same shape",
 }
-"""Ability that each pretender lacks; if the pretender succeeds, the ability is not required."""
+"""Ability that each pretender lacks, and which is therefore not required where the pretender succeeds."""
 _OF_LOOK_ALIKES = ("zoo:color", "zoo:shape")
-"""Pretenders that count only if objects were exchanged for look-alikes."""
+"""Pretenders that are considered only if objects were exchanged for look-alikes."""
 _MOVING_BLIND = (*BLIND[1:], FLOOR[0])
 
 

@@ -36,7 +36,7 @@ from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
-"""Number of frames of the strip on the first screen: the reach, the evidence and its outcome, in order."""
+"""Number of frames in the strip on the first screen: reach, evidence and outcome, in this order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ReportSetting:
 
 @dataclass(frozen=True, slots=True)
 class ShownFilm:
-    """A film on the page: its number, its trial, and whether its twin has frames."""
+    """Film on the page: its number, its trial, and whether its twin has frames."""
 
     number: int
     film: Film
@@ -84,7 +84,7 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A film on the first screen: frames around the evidence, frames of the twin, and one labeled frame of each."""
+    """Film on the first screen: frames around the evidence, frames of the twin, and one labeled frame of each."""
 
     shown: ShownFilm
     frames: tuple[Frame, ...]
@@ -306,7 +306,7 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
 
 
 def _training_title(headlines: Sequence[Headline]) -> str:
-    """Return the name of the success rate on training conditions next to the gaps."""
+    """Return the heading for the success rate on training conditions next to the gaps."""
     return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 

@@ -27,7 +27,7 @@ from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
 
 RAW, CORRECTED = "°", "*"
-"""Marks of a cell above its chance: before and after the correction over all cells."""
+"""Marks of a cell above its chance level, before and after the correction over all cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +125,13 @@ def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
 
 
 def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
-    """Return the cells that are above their chance before any correction, the least likely first."""
+    """Return the cells above their chance level before any correction, least likely first."""
     found = (c for c in cells if c.above and c.p_value < DEFAULT_ALPHA)
     return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
 
 
 def redundant(cells: Iterable[BlindCell]) -> list[str]:
-    """Return the variations with a redundant instruction, because only one makes sense in the scene."""
+    """Return the variations whose instruction is redundant, because only one makes sense in the scene."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 

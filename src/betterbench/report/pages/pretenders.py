@@ -1,4 +1,4 @@
-"""Section on pretenders: each policy's scores next to the scores of policies that lack the tested abilities."""
+"""Section on pretenders: scores of each policy next to those of policies that lack the tested abilities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evidence for trusting a report: certification of its scenes, and measured accuracy of its diagnosis."""
+"""Section on the trustworthiness of a report: certification of its scenes, and measured accuracy of its diagnosis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.tasks.worlds.facts import facts_of_task
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
-    """Return statements on the benchmark itself for these runs, by name, one or two sentences each."""
+    """Return statements about the benchmark itself for these runs, by name, each of one or two sentences."""
     if all(map(is_abroad, diagnoses)):
         worlds = {name: facts_of_task(name) for d in diagnoses for name in dict.fromkeys(t.task for t in d.trials)}
         return {name: text for facts in worlds.values() for name, text in facts.statements.items()}

@@ -13,7 +13,7 @@ from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_c
 
 @dataclass(frozen=True, slots=True)
 class CellPosition:
-    """A cell: its matrix, and the states of first target and distractor (long horizon: second target)."""
+    """Position of a cell: its matrix, and the states of first target and distractor (long horizon: second target)."""
 
     horizon: Horizon
     row: State
@@ -21,7 +21,7 @@ class CellPosition:
 
 
 def cell_of(setting: ResolvedCondition) -> CellPosition | None:
-    """Return the cell of a condition, or None: that in its task's own matrices, else by the initial states."""
+    """Return the cell of a condition, from its task's own matrices or else by the initial states, or None."""
     for matrix in setting.task.matrices:
         cell = matrix.cell_of(setting.condition.name)
         if cell is not None:

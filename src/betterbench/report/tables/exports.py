@@ -16,7 +16,7 @@ from betterbench.report.task_views import task_views
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A table in its file forms, with its number of rows; ``name`` is the file name without its extension."""
+    """Table in its file formats, with its number of rows; ``name`` is the file name without its extension."""
 
     name: str
     title: str
@@ -26,7 +26,7 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return every table of a report in its file forms."""
+    """Return every table of a report in its file formats."""
     exports = []
     for table in paper_tables:
         plain = plain_paper_table(table)

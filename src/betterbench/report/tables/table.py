@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from betterbench.quoting import csv_text
 
 Scalar = str | int | float | bool | None
-"""Value of a cell in a plain table; None is an empty cell."""
+"""Cell value of a plain table; None for an empty cell."""
 
 
 @dataclass(frozen=True, slots=True)

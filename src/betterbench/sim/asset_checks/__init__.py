@@ -1,6 +1,6 @@
-"""The asset certificate: checks that any asset, imported or generated, should pass before a task uses it.
+"""Asset certificate: checks that any asset, imported or generated, should pass before it is used in a task.
 
-- ``certificate``: all checks of one asset; ``result``: the results, with a JSON form.
+- ``certificate``: all checks of one asset; ``result``: the results and their JSON.
 - ``check``, ``subject``: the register of checks, and the measurements that they share.
 - ``checks``: one topic per file: license, surfaces, size, upright, mass, collision, lying, holding, lifting.
 - ``rest``, ``lift``: the simulations of one asset on a table and in a gripper.

@@ -1,4 +1,4 @@
-"""The register of checks: a check is one decorated function, in a file of the package ``checks``."""
+"""Registry of checks; a check is one decorated function in a file of the package ``checks``."""
 
 from __future__ import annotations
 

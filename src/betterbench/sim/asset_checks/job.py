@@ -29,7 +29,7 @@ OnCertificate = Callable[[JobProgress[tuple[str, AssetCertificate]]], None]
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """An asset to be certified: a mesh file with the options of its import, or a registered asset.
+    """Asset to certify: a mesh file with its import options, or a registered asset.
 
     Attributes:
         name: Name in the certificate.

@@ -1,4 +1,4 @@
-"""Trial of one grasp: the robot's own gripper without its arm closes, lifts, holds and carries the asset."""
+"""Grasp trial: the robot's own gripper, without the arm, closes, lifts, holds and carries the asset."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.sim.scenes.gripper_bench import GripperBench, table_model
 _CLOSE_S = 0.9
 """Time to close from fully open at 0.1 m/s onto the thinnest object, plus a moment to press [s]."""
 _APPROACH_M = 0.10
-"""Travel of the open jaw along its approach before it closes [m]; reveals a grasp that the object obstructs."""
+"""Travel of the open jaw along its approach before it closes [m], which reveals obstructed grasps."""
 _APPROACH_SPEED = 0.12
 _TIPS_ABOVE_M = 0.001
 _PUSHED_M = 0.012

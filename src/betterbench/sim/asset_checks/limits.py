@@ -19,9 +19,9 @@ LEAST_DENSITY, MOST_DENSITY = 15.0, 9000.0
 
 # ------------------------------------------------------------------------------------------------------------- upright
 OPEN_DEPTH_SHARE = 0.12
-"""Least depth of the hollow of an open object as a share of its height, as in the importer."""
+"""Minimum depth of the hollow of an open object as a share of its height, as in the importer."""
 OPEN_AREA_SHARE = 0.25
-"""Least area of the hollow of an open object as a share of its footprint."""
+"""Minimum area of the hollow of an open object as a share of its footprint."""
 NECK_AREA_SHARE, NECK_DEPTH_SHARE = 0.1, 0.5
 """The same for a tall kind with a neck, such as a vase: least area, and least depth as a share of its height."""
 ROUND_RATIO, LYING_RATIO = 1.06, 1.12
@@ -94,7 +94,7 @@ differ by 1.7."""
 LEAST_FRICTION, MOST_FRICTION = 0.05, 2.0
 """Sliding friction of a collision part: oiled steel has 0.1, rubber on a dry rough surface up to 1.5."""
 CENTER_DEPTH_MM = 0.0
-"""Least depth of the center of mass inside the convex hull of the visual shape."""
+"""Minimum depth of the center of mass inside the convex hull of the visual shape."""
 OUTSIDE_MM, OUTSIDE_SHARE = 6.0, 0.12
 """Largest distance of the collision shape from the visual shape, for 95 of 100 points: a length or a share of the
 middle side, whichever is larger. A share of the longest side would allow a 28 cm bottle to be 25 mm too thick. V-HACD
@@ -102,7 +102,7 @@ of a scan has 3 to 5 mm (measured)."""
 INSIDE_MM, INSIDE_SHARE = 4.0, 0.08
 """Largest distance of the visual shape from the collision shape, defined in the same way."""
 OPENING_SHARE = 0.60
-"""Least share of the visible hollow's volume that the collision parts leave free."""
+"""Minimum share of the visible hollow's volume that the collision parts leave free."""
 GAP_MM, GAP_SHARE = 4.0, 0.04
 """Largest gap between parts: a length and a share of the longest side; Kenney's models leave up to 3 % (measured)."""
 

@@ -1,4 +1,4 @@
-"""Simulation of one asset on a table: pose at rest, and movement after it has settled."""
+"""Simulation of one asset on a table: pose at rest, and residual movement after settling."""
 
 from __future__ import annotations
 

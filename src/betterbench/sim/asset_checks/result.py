@@ -1,4 +1,4 @@
-"""Results of the asset certificate: one per check, and all of one asset; both have a JSON form."""
+"""Results of the asset certificate, per check and per asset, both JSON-serializable."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.errors import InvalidInputError
 
 Outcome = Literal["passed", "failed", "not_applicable"]
 SCHEMA_VERSION = 1
-"""Version of the JSON form."""
+"""Version of the JSON format."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class AssetCertificate:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any], where: str = "asset certificate") -> AssetCertificate:
-        """Return the certificate from its JSON form.
+        """Read a certificate from JSON.
 
         Raises:
             InvalidInputError: If the JSON is not a certificate of this version.

@@ -22,7 +22,7 @@ from betterbench.sim.assets.importing.solid import Solid, solid_of
 
 
 class Subject:
-    """An asset and its kind; each measurement is computed when a check first uses it."""
+    """Asset under test and its kind; each measurement is computed when a check first needs it."""
 
     def __init__(self, asset: Asset, kind: Kind | None) -> None:
         self.asset, self.kind = asset, kind
@@ -55,7 +55,7 @@ class Subject:
 
     @functools.cached_property
     def cavity(self) -> Cavity | None:
-        """The visible hollow that is open at the top, None if there is none."""
+        """The visible hollow that is open at the top, or None."""
         return cavity_of(self.solid)
 
     @functools.cached_property
@@ -65,7 +65,7 @@ class Subject:
 
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
-        """The hollow that the collision parts leave, None if there is none."""
+        """The hollow left free by the collision parts, or None."""
         return cavity_of(surface_solid(self.hulls))
 
     @functools.cached_property

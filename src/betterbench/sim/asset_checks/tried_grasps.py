@@ -1,4 +1,4 @@
-"""Import of an object whose proposed grasps are tried in simulation, in the child process of an import."""
+"""Import of an object with its proposed grasps tried in simulation, run in the child process of an import."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SLIP_STEP_MM, _SWING_STEP_DEGREES = 3.0, 10.0
 
 
 def import_for_parent() -> None:
-    """Import the object that a request names and try its grasps: the main function of the child."""
+    """Main function of the child: import the requested object and try its grasps."""
     answer_imports(with_tried_grasps)
 
 

@@ -1,4 +1,4 @@
-"""Three-dimensional objects ready for simulation, from parametric generators and other sources.
+"""Simulation-ready 3-D objects, from parametric generators and other sources.
 
 - ``asset``: the frozen description of one object: visual parts, collision parts, mass, grasps, regions.
 - ``authoring``: meshes, solids, paint and the registry, with which generators are written.

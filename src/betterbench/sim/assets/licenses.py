@@ -9,7 +9,7 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 
 LicenseKind = Literal["free", "restricted", "unknown"]
-"""Kind of license: commercial use and changes allowed (free), one of them forbidden (restricted), or unknown."""
+"""Kind of license: free (commercial use and changes allowed), restricted (one of them forbidden), or unknown."""
 
 LicenseFilter = Literal["free", "any"]
 """Licenses that a search admits."""

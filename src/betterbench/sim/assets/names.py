@@ -1,4 +1,4 @@
-"""Words in the names of files and folders."""
+"""Extraction of object names from the names of files and folders."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ asset base base_link collision google_16k google_512k google_64k main mesh meshe
 poisson scene textured textured_simple textured_vhacd texture tsdf untitled urdf visual visuals
 """
 _WITHOUT_A_NAME = frozenset(_GENERIC.split())
-"""Generic names of files and folders; the parent folder then names the object."""
+"""Generic names of files and folders, for which the parent folder names the object."""
 
 
 def words_of(text: str) -> tuple[str, ...]:

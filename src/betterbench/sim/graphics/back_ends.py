@@ -20,7 +20,7 @@ OFF = ("disable", "disabled", "off", "false", "0")
 BACK_ENDS = ("egl", "osmesa", "glfw")
 KNOWN = (*BACK_ENDS, "glx", *OFF, "enable", "enabled", "on", "true", "1", "")
 PLATFORMS = ("egl", "osmesa")
-"""Back ends whose functions PyOpenGL finds on the platform of the same name."""
+"""Back ends whose functions PyOpenGL loads from the platform of the same name."""
 
 
 def gl_backend() -> str | None:

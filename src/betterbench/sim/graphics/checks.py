@@ -1,4 +1,4 @@
-"""Checks of the environment variables that choose the OpenGL back end, with a remedy for each problem.
+"""Checks of the environment variables that select the OpenGL back end, with a remedy for each problem.
 
 Sources: MuJoCo 3.17 ``mujoco/egl`` and ``mujoco/osmesa`` for ``PYOPENGL_PLATFORM`` and ``MUJOCO_EGL_DEVICE_ID``.
 """

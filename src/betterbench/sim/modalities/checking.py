@@ -1,4 +1,4 @@
-"""Check of a modality folder against its run: missing, damaged and misplaced files, and files of another run."""
+"""Check of a modality folder against its run, for missing, damaged, misplaced and foreign files."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
     """Yield the expected file for each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
-        with contextlib.suppress(RecordError):  # its files can be intact even if the record is not
+        with contextlib.suppress(RecordError):  # its files may be intact even if the record is not
             quality = seen_quality(run, run.read_record(entry.task, entry.condition, entry.seed))
     digest = run.record_digest(entry)
     for view in wanted.views:

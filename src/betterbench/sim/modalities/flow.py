@@ -1,4 +1,4 @@
-"""Optical flow from known poses and depth: displacement of each visible point to the next state's image [pixel]."""
+"""Optical flow from known poses and depth: displacement of each visible point in the next state's image [pixel]."""
 
 from __future__ import annotations
 

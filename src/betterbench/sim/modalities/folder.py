@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A modality folder. The same settings resume it; other settings are rejected if the folder contains a file.
+    """Modality folder, which can be resumed with the same settings; others are rejected if it already contains a file.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.
@@ -129,7 +129,7 @@ def files_in(path: Path) -> list[Path]:
 
 
 def _is_begun(path: Path) -> bool:
-    """Tell whether a modality folder contains a file, finished or not."""
+    """Return whether a modality folder contains a file, finished or not."""
     return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
 
 

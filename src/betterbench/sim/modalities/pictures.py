@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from betterbench.records.modalities.labels import FIRST_OBJECT
 
 _GOLDEN = 0.6180339887498949
-"""The golden ratio's fraction: multiples of it, modulo 1, are spread evenly over the circle of hues."""
+"""Fractional part of the golden ratio, whose multiples modulo 1 are spread evenly over the hue circle."""
 
 LEAST_SEEN = 0.02
 """Minimum visible fraction for an object's box to be drawn."""

@@ -1,4 +1,4 @@
-"""A recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
+"""Export of a recorded trial as a Rerun file: film, masks, boxes, depth, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
 
 
 def is_rerun_file(path: Path) -> bool:
-    """Tell whether a file was written by :func:`write_rerun`: a Rerun file with our name at its beginning."""
+    """Return whether a file was written by :func:`write_rerun`: a Rerun file with our name at its beginning."""
     with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head

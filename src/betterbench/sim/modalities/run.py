@@ -132,7 +132,7 @@ def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[Trial
 
 
 class _Views:
-    """The limited processes of one thread, one for each render preset. A context manager, which ends them."""
+    """Limited processes of one thread, one per render preset; a context manager that ends them."""
 
     def __init__(self, run: RunFolder) -> None:
         self._run = run
@@ -192,7 +192,7 @@ class _Writer:
             self._tally.bytes += sum(path.stat().st_size for path in paths)
 
     def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
-        """Tell whether the file for a trial's view exists, belongs to this record, and is intact.
+        """Return whether the file for a trial's view exists, belongs to this record, and is intact.
 
         The complete file is read, because its header does not cover the rest; this takes about 2 % of the rendering
         time.

@@ -22,7 +22,7 @@ COLLIDES: dict[str, Any] = {
     "condim": PHYSICS.condim,
     "rgba": (0.9, 0.4, 0.1, 0.5),
 }
-"""Attributes of a collision geom; the inertia is that of its link."""
+"""Attributes of a collision geom, whose inertia comes from its link."""
 
 SEEN: dict[str, Any] = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
 """Attributes of a visual geom."""
@@ -57,7 +57,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One link: its pose in its parent, its inertia and its collision shapes.
+    """Link: pose in its parent, inertia and collision shapes.
 
     Attributes:
         name: Body name.
@@ -147,7 +147,7 @@ def add_joint_servos(
     damping: Sequence[float],
     limits: Sequence[tuple[float, float]],
 ) -> None:
-    """Add the two servos of each arm joint, which have the same control: the joint's reference velocity [rad/s].
+    """Add the two servos of each arm joint, both controlled by the joint's reference velocity [rad/s].
 
     The first integrates it to a reference position (its activation) and pulls with the stiffness; the second damps
     toward the reference velocity itself. The reference therefore moves evenly within a control step, and a moving arm

@@ -52,10 +52,10 @@ from betterbench.sim.robots.readers import number_reader, numbers_of
 from betterbench.sim.robots.spec import RobotSpec
 
 POSITION_LEAD_M = 0.05
-"""Largest distance of the commanded from the measured position [m]: one action unit (design, section 4)."""
+"""Maximum lead of the commanded over the measured position [m]: one action unit (design, section 4)."""
 
 ROTATION_LEAD_RAD = 0.5
-"""Largest angle between the commanded and the measured rotation [rad]: one action unit, like the position."""
+"""Maximum angle between commanded and measured rotation [rad]: one action unit, as for the position."""
 
 POSE_STEP_M = 0.025
 """Largest step toward an absolute pose [m]: 0.5 m/s, which the joints can follow on straight paths in the workspace."""
@@ -70,7 +70,7 @@ rad at the tool, so the bound is active only if the arm is blocked or far from i
 
 
 CLOSING_LEAD_M = 0.0015
-"""Smallest lead of the commanded over the measured opening width that counts as a command to open or close [m]."""
+"""Minimum lead of the commanded over the measured opening width that counts as a command to open or close [m]."""
 
 Joints = Sequence[float]
 """Joint angles [rad]."""
@@ -86,7 +86,7 @@ class ControllerState:
 
 
 class ArmController:
-    """Converter from actions of one action space to servo references, once per control step.
+    """Controller that converts actions of one action space to servo references, once per control step.
 
     The robot's base is at the world origin; ``prefix`` is the prefix of the robot's names in the scene.
 
@@ -152,7 +152,7 @@ class ArmController:
 
     @property
     def commanded_width_m(self) -> float:
-        """Commanded opening width [m]; it may lead the measured one in both directions."""
+        """Commanded opening width [m], which may be above or below the measured one."""
         return self._width
 
     def measured_pose(self, data: mujoco.MjData) -> Pose:
@@ -175,7 +175,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the current joint angles and opening width as the command, so that the arm does not move."""
+        """Adopt the current joint angles and opening width as the command, so that the arm holds still."""
         joints = data.qpos[self._qpos]
         self._joints = joints.tolist()
         self._pose = self.ik.forward(joints)
@@ -253,7 +253,7 @@ class ArmController:
         return np.array([*(q / unit for q, unit in zip(joints, self._scale, strict=False)), gripper])
 
     def _attend(self, data: mujoco.MjData) -> None:
-        """Prepare the access to these data, which the engine keeps at a fixed address."""
+        """Prepare access to the engine's data, which stay at a fixed address."""
         if data is self._data:
             return
         self._data, self._ctrl = data, numbers_of(data.ctrl)
@@ -389,7 +389,7 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
 def _bounded(
     pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
 ) -> Pose:
-    """Return the pose, moved toward ``center`` if it is farther away than the bounds."""
+    """Return the pose, moved toward ``center`` if it is outside the bounds."""
     position, quaternion = pose.position, pose.quaternion
     cx, cy, cz = center.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz

@@ -18,7 +18,8 @@ Point = tuple[float, float, float]
 Quadric = list[float]
 
 _BORDER_WEIGHT = 30.0
-"""Weight of a border's planes relative to the faces', which lets a border move along itself rather than across."""
+"""Weight of the border planes relative to the face planes, so that borders move along themselves rather than
+sideways."""
 
 _LEAST_COSINE = 0.35
 """Cosine of the largest triangle rotation caused by one collapse, about 70 degrees."""
@@ -109,7 +110,7 @@ class _Collapsing:
     """A mesh during edge collapses."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> None:
-        # In millimeters, so that squares of lengths do not vanish.
+        # in millimeters, so that squared lengths do not vanish
         self._points: list[Point] = [(x, y, z) for x, y, z in (1e3 * np.asarray(vertices, dtype=float)).tolist()]
         self._faces: list[list[int] | None] = [list(f) for f in np.asarray(faces).tolist()]
         self._count = len(self._faces)
@@ -148,7 +149,7 @@ class _Collapsing:
         if best is not None and math.dist(best, middle) <= math.dist(pa, pb):
             places.append(best)
         costs = [_error(q, place) for place in places]
-        # Between zero-cost edges, as on flat faces, the shorter one goes first.
+        # among zero-cost edges, as on flat faces, the shorter one is collapsed first
         cost = min(costs)
         entry = (max(cost, 0.0) + 1e-6 * math.dist(pa, pb) ** 2, a, b, self._stamp[a], self._stamp[b])
         heapq.heappush(self._heap, (*entry, places[costs.index(cost)]))
@@ -162,7 +163,7 @@ class _Collapsing:
         return found
 
     def _allowed(self, a: int, b: int, place: Point) -> bool:
-        """Tell whether a collapse keeps the surface a manifold and does not flip its triangles."""
+        """Return whether a collapse keeps the surface manifold and flips no triangle."""
         shared = self._around[a] & self._around[b]
         if not 1 <= len(shared) <= 2:
             return False
@@ -181,7 +182,7 @@ class _Collapsing:
         return True
 
     def _on_border(self, vertex: int) -> bool:
-        """Tell whether a vertex has an edge with only one triangle."""
+        """Return whether a vertex has an edge with only one triangle."""
         seen: dict[int, int] = {}
         for number in self._around[vertex]:
             for other in self._faces[number] or ():
@@ -190,7 +191,7 @@ class _Collapsing:
         return any(times == 1 for times in seen.values())
 
     def _collapse(self, a: int, b: int, place: Point) -> None:
-        """Move ``a`` to the place and replace ``b`` by it."""
+        """Move ``a`` to the new position and replace ``b`` by it."""
         for number in self._around[a] & self._around[b]:
             for vertex in self._faces[number] or ():
                 self._around[vertex].discard(number)
@@ -209,7 +210,7 @@ class _Collapsing:
 
 
 def _quadrics(points: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> list[Quadric]:
-    """Return the ten numbers of each vertex's quadric: the planes of its faces, weighted by area, and of its borders.
+    """Return the ten numbers of each vertex's quadric, from the area-weighted planes of its faces and borders.
 
     All of them are multiplied by the ``weights`` (n,) of the vertices.
     """
@@ -254,7 +255,7 @@ def _error(q: Quadric, p: Point) -> float:
 
 
 def _minimum(q: Quadric) -> Point | None:
-    """Return the point of the least error, or None if it is poorly determined (flat or straight surroundings)."""
+    """Return the point of minimum error, or None if it is poorly determined (flat or straight surroundings)."""
     a, b, c, d, e, f, g, h, i, _ = q
     m0, m1, m2 = e * h - f * f, c * f - b * h, b * f - c * e
     determinant = a * m0 + b * m1 + c * m2
@@ -269,7 +270,7 @@ def _minimum(q: Quadric) -> Point | None:
 
 
 def _keeps(before: list[Point], after: list[Point]) -> bool:
-    """Tell whether a moved triangle keeps its orientation and is not a sliver."""
+    """Return whether a moved triangle keeps its orientation and is not a sliver."""
     n, m = _normal(before), _normal(after)
     size_n, size_m = math.hypot(*n), math.hypot(*m)
     longest = max(math.dist(after[0], after[1]), math.dist(after[1], after[2]), math.dist(after[2], after[0]))

@@ -1,4 +1,4 @@
-"""The gripper of a robot without its arm: carried by three stiff slides, to try grasps on a single object."""
+"""Gripper of a robot without the arm, carried by three stiff slides, to try grasps on a single object."""
 
 from __future__ import annotations
 

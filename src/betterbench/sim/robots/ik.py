@@ -39,10 +39,10 @@ FOLLOW_ITERATIONS = 6
 """Newton steps after which :meth:`ArmIK.follow` falls back to :meth:`ArmIK.reach`; it usually takes one or two."""
 
 LIMIT_MARGIN_RAD = 0.06
-"""Distance of references from the joint limits [rad]; the moving arm overshoots its reference by less."""
+"""Distance of references from the joint limits [rad], larger than the overshoot of the moving arm."""
 
 APPROACH = 0.5
-"""Largest share of the distance to a position limit that a joint may take in one control step."""
+"""Maximum share of the remaining distance to a position limit that a joint may move in one control step."""
 
 _FAR = 1.01 / APPROACH
 """Distance from a position limit beyond which the limit is inactive, in steps at full speed, with a margin."""
@@ -117,7 +117,7 @@ class ArmIK:
 
     @functools.cached_property
     def _frame(self) -> _FrameProblem:
-        """Pose error and Jacobian by mink, for planning only; control steps do not use it."""
+        """Pose error and Jacobian from mink, used only for planning and not in control steps."""
         return _FrameProblem(self._model, self.spec.tcp_site, self.spec.ik.orientation)
 
     def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
@@ -180,7 +180,7 @@ class ArmIK:
         """Return the largest step [rad] of any joint, or None if an angle is outside the range of :meth:`window`."""
         q, centers, lead = window
         farthest = 0.0
-        # Far from its position limits a joint is limited only by its speed and its lead.
+        # far from its position limits, a joint is limited only by its speed and its lead
         for x, now, center, (low, high, speed) in zip(moved, q, centers, self._roomy, strict=True):
             step = abs(x - now)
             if not (low <= now <= high and step <= speed and abs(x - center) <= lead):
@@ -388,13 +388,13 @@ class ArmIK:
 
 
 class _FrameProblem:
-    """The pose error of the tool and its Jacobian, by mink.
+    """Pose error of the tool and its Jacobian, from mink.
 
     It uses separate data, so that planning does not affect the data of the control step.
     """
 
     def __init__(self, model: mujoco.MjModel, site: str, orientation_cost: float) -> None:
-        # Imported here: it takes a quarter of a worker's start, and only planning needs it.
+        # imported here, because it takes a quarter of a worker's start-up time and only planning needs it
         import mink  # noqa: PLC0415
 
         self._configuration = mink.Configuration(model)

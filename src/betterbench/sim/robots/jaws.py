@@ -1,4 +1,4 @@
-"""Grippers as a relation between the joints of their fingers and their opening width."""
+"""Jaws of grippers: the relation between finger joints and opening width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arm's visual meshes: read from an installed wheel, decimated once, cached for the user.
+"""Visual meshes of the arm, read from an installed wheel, decimated once, and cached for the user.
 
 The STL files come with the ``gymnasium-robotics`` wheel and contain 134,000 triangles, which dominate the time of
 software rendering. Each file is split into its connected parts, the parts are sorted by paint, and all parts together
@@ -33,13 +33,13 @@ from betterbench.sim.robots.spec import Progress
 _log = logging.getLogger(__name__)
 
 RECIPE_VERSION = 2
-"""Version of the preparation; increment it when the preparation changes, so that old cache files are not used."""
+"""Version of the mesh preparation, to be incremented with every change so that old cache files are not used."""
 
 _WELD_M = 1e-4
 """Grid size for merging vertices [m]: the files have open seams of some hundredths of a millimeter."""
 
 _CREASE_DEGREES = 38.0
-"""Angle above which an edge of the arm is drawn sharp: its housings are round, with edges at flanges and covers."""
+"""Angle above which an edge is drawn sharp; the arm's housings are round, with edges at flanges and covers."""
 
 _CACHE_SUFFIX, _MOST_CACHE_BYTES = ".meshes", 1 << 26
 
@@ -49,7 +49,7 @@ _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
 
 @dataclass(frozen=True, slots=True)
 class MeshPart:
-    """One paint ("shell", "dark") of one link ("link3", "hand"; the stem of the source file).
+    """Part of a link ("link3", "hand"; the stem of the source file) with one paint ("shell", "dark").
 
     Attributes:
         vertices: Corners in the link frame [m], shape (V, 3), float32.

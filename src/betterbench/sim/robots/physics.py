@@ -1,4 +1,4 @@
-"""Benchmark-wide physics options and rates, for every model of a scene, a robot or a single asset."""
+"""Benchmark-wide physics options and rates, for every model: scenes, robots and single assets."""
 
 from __future__ import annotations
 

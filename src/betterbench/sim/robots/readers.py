@@ -1,4 +1,4 @@
-"""Readers and writers of the physics engine's arrays as plain floats, for use at every control step.
+"""Access to the physics engine's arrays as plain floats, for use at every control step.
 
 Between two physics steps the CPU's caches are cold, and an array operation takes several times as long as in an
 isolated benchmark. Unpacking the memory directly takes a quarter of the time of indexing an array and converting it.
@@ -95,7 +95,7 @@ def number_writer(array: np.ndarray) -> Callable[..., None]:
 
 
 def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
-    """Return a function for a value derived from memory, which is computed again only after a change of a byte."""
+    """Return a function for a value derived from memory, which is recomputed only if a byte has changed."""
     last = memory.tobytes()
     made = make(last)
 
@@ -110,7 +110,7 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return a function that selects indices from the values between the smallest and the largest, or None for all."""
+    """Return a function that selects indices from the values from smallest to largest index, or None for all."""
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))
 

@@ -1,4 +1,4 @@
-"""Robot description for other packages: one frozen value per robot, and a registry by name."""
+"""Robot descriptions for other packages, one frozen value per robot, and their registry."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class IKWeights:
-    """Costs of the inverse kinematics, relative to a position error of 1 m, and the freedom of the tool's rotation.
+    """Costs of the inverse kinematics relative to a position error of 1 m, and the slack of the tool's rotation.
 
     An arm with fewer than six joints cannot take every pose: it gets a small cost of rotation, so that positions are
     exact and rotations as close as the arm can turn, and ``rotation_slack_rad`` says how much of an error is accepted.
@@ -109,7 +109,7 @@ class RobotSpec:
         control_rate_hz: Rate of actions [Hz].
         reach_m: Largest distance of the flange from the shoulder [m].
         jaw: Relation between finger joints, gripper servo and opening width.
-        action_spaces: Names of the action spaces that the controller executes, the usual one first.
+        action_spaces: Names of the action spaces that the controller executes, the default first.
         ik: Costs of the inverse kinematics.
         posture_offsets: Offsets from home from which inverse kinematics also starts, per joint [rad].
         wrist_camera: Camera on ``hand_body``.

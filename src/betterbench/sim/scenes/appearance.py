@@ -1,4 +1,4 @@
-"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, and arm start.
+"""Seeded appearance of a trial, independent of slots: looks, room, camera poses, light direction, and arm start.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
 compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.

@@ -1,4 +1,4 @@
-"""Compilation of a scene from a condition and a seed: asset placement, and the body label of each geom."""
+"""Compilation of a scene from a condition and a seed: placement of assets, and body labels of geoms."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from betterbench.tasks.relations.layer import LAYERS
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One object of a scene: its description, its asset, and its pose ``T_world_object`` at reset.
+    """Object of a scene: description, asset, and pose ``T_world_object`` at reset.
 
-    ``shut`` is the pose of a closed drawer.
+    ``shut`` is the closed pose of a drawer.
     """
 
     spec: ObjectSpec
@@ -50,7 +50,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledScene:
-    """A compiled model and the meaning of its parts, shared by all scenes with the same assets.
+    """Compiled model with the meaning of its parts, shared by all scenes with the same assets.
 
     Attributes:
         content_hash: Hash of all its input (hex, 16 characters).
@@ -176,7 +176,7 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
 
 
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
-    """Move two objects apart that were drawn into the same container and would overlap.
+    """Separate two objects that were drawn into the same container and would overlap.
 
     Each pose comes from a demonstration, but from two different ones. The objects keep their headings and their line,
     and rest on both sides of the container's center. Layers of a stack are regions of their own and do not move.

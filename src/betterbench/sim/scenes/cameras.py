@@ -21,7 +21,7 @@ MAX_SIDE_PX = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraMatrices:
-    """A pinhole camera in the conventions of OpenCV: its (3, 3) intrinsic matrix ``K`` [pixel], pose and size [pixel].
+    """Pinhole camera in OpenCV's conventions: (3, 3) intrinsic matrix ``K`` [pixel], pose, and image size [pixel].
 
     The camera frame has x to the right of the image, y down and z forward along the optical axis. In pixel (u, v), u is
     the column from the left and v the row from the top, with integers at pixel centers: the image spans u from -0.5 to

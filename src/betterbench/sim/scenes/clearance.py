@@ -1,4 +1,4 @@
-"""Collision checks on a private copy of a scene, for planners: the contacts in a given configuration."""
+"""Collision checks for planners: the contacts in a configuration, on a private copy of the scene."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Clearance:
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 
     def _let_look(self, i: int, *, looks: bool) -> None:
-        """Set whether a body in the label table collides with everything else, or only with such bodies."""
+        """Set whether a labeled body collides with everything else, or only with bodies for which this is set."""
         geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
         bodies = self._model.geom_bodyid[geoms]
         self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0

@@ -1,4 +1,4 @@
-"""Contacts in the physics engine as pairs of body names, including contacts of sleeping objects."""
+"""Contacts of the physics engine as pairs of body names, including those of sleeping objects."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class _Sleep(NamedTuple):
 
 
 Groups = tuple[tuple[int, tuple[int, ...]], ...]
-"""Pairs listed by the engine: each pair's index, and the addresses of the normal forces at its contact points."""
+"""Pairs listed by the engine: index of each pair, and addresses of the normal forces at its contact points."""
 
 
 class _Row(NamedTuple):
-    """Result of a reading without the forces; it is reused while the same pairs touch.
+    """Force-free part of a reading, which is reused while the same pairs touch.
 
     Attributes:
         groups: The pairs listed by the engine.
@@ -54,11 +54,11 @@ class _Row(NamedTuple):
 
 
 class ContactReader:
-    """Reader for one model's contacts.
+    """Reader of the contacts in one model.
 
-    The engine puts groups of resting objects to sleep: sleeping objects are not moved and their contacts are not listed
-    until an awake object touches the group. Their contacts are still valid and therefore cached. These contacts are
-    computed once, when the group has fallen asleep, with all objects awake in a second set of data.
+    The engine puts groups of resting objects to sleep, and does not move them or list their contacts until an awake
+    object touches the group. Their contacts are still valid and therefore cached. These contacts are computed once,
+    when the group has fallen asleep, with all objects awake in a second set of data.
 
     Names and addresses of the last reading are reused while the engine lists the same points. This reduces a reading
     from 192 to 48 µs (fast_food) and from 308 to 62 µs (breakfast_table) (mean over the control steps of an expert's
@@ -251,7 +251,7 @@ def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
-    """Return the index of each label pair, -1 for an irrelevant pair, and the names by index.
+    """Return the index of each label pair (-1 for irrelevant ones), and the names by index.
 
     Labels below ``relevant`` are objects or gripper parts; pairs without such a label are irrelevant. The last
     row and column are for geoms without a label. Indices are in label order.

@@ -1,4 +1,4 @@
-"""Culling of geometry outside a view, before it is rendered.
+"""Culling of geometry outside a view before rendering.
 
 MuJoCo passes every visible geom and the sky to OpenGL, which discards geometry outside the view or behind other
 geometry. A software renderer has already transformed the vertices and painted the pixels by then: a wrist camera, which
@@ -19,7 +19,7 @@ _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 _GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 _MARGIN_M = 0.002
 _WORTH_FACES = 160
-"""Number of faces above which rendering a mesh needlessly costs more than testing its visibility."""
+"""Number of faces above which needlessly rendering a mesh costs more than testing its visibility."""
 
 _Vector = tuple[float, float, float]
 
@@ -77,7 +77,8 @@ class Culling:
                 or cos_y * abs(yx * x + yy * y + yz * z) + sin_y * behind > reach
             ):
                 if geom.objid != number:
-                    # The geoms differ from the last image despite the same number, so the stored indices are invalid.
+                    # the geoms differ from those of the last image although their number is the same, so the stored
+                    # indices are invalid
                     self._learn()
                     self._hide(data, axes, position, across, up)
                     return

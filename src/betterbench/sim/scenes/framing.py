@@ -1,4 +1,4 @@
-"""Framing of a task by the front camera: gripper pixels, size and visibility of named objects, and margins.
+"""Framing checks for the front camera: gripper pixels, size and visibility of named objects, and margins.
 
 The limits for every task are constants of this file; no verdict depends on them.
 """
@@ -157,7 +157,7 @@ class FramingView:
 
 
 def framing_faults(scene: Scene) -> tuple[str, ...]:
-    """Return what the front camera shows worse than the limits at the start of a trial, in words."""
+    """Return sentences about violations of the framing limits at the start of a trial."""
     view = FramingView(scene)
     try:
         shown = view.start()
@@ -194,7 +194,7 @@ def asked_objects(condition: Condition) -> tuple[str, ...]:
 
 
 def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
-    """Yield the corners of a camera's jitter: each of its shifts and rotations at either end."""
+    """Yield the corner cases of a camera's jitter, with each shift and rotation at either end of its range."""
     for signs in itertools.product((-1.0, 1.0), repeat=6):
         x, y, z, rx, ry, rz = signs
         shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD

@@ -1,4 +1,4 @@
-"""This process's OpenGL context: its back end, its thread, and the reading of pixels.
+"""OpenGL context of this process: back end, thread, and reading of pixels.
 
 A process has one context, made at first use and shared by all its renderers. Rendering belongs to the first renderer's
 thread, and worker processes must be started with the ``spawn`` method: a forked copy of a context is rejected.
@@ -42,7 +42,7 @@ class _GLContext(Protocol):
 
 
 class Closable(Protocol):
-    """An object with buffers in the context until it is closed."""
+    """Object that holds buffers in the context until it is closed."""
 
     def close(self) -> None:
         """Free the buffers."""
@@ -120,7 +120,7 @@ def _egl_current_context() -> Callable[[], int | None]:
 def _create_context() -> _GLContext:
     """Create an OpenGL context with the chosen back end, or raise a MissingDependencyError."""
     backend = require_drawing()
-    # Threads of Mesa's software renderer gain nothing at these sizes and take cores from other workers.
+    # threads of Mesa's software renderer gain nothing at these sizes and would take cores from other workers
     os.environ.setdefault("LP_NUM_THREADS", "0")
     # The size of a context is that of a window, which is not used.
     try:

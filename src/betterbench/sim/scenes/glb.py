@@ -1,6 +1,6 @@
 """Export of a compiled scene as binary glTF, one file per body, for viewers other than MuJoCo.
 
-A file's frame is its body's frame, in meters and with z up. A file contains one mesh per material: the visible
+Each file is in the frame of its body, in meters and with z up. A file contains one mesh per material: the visible
 shapes in their colors, with the textures of the model as PNG. The format is glTF 2.0 (Khronos), written by trimesh.
 """
 
@@ -32,7 +32,7 @@ class Surface:
     faces: np.ndarray
 
     def moved(self, position: np.ndarray, rotation: np.ndarray) -> Surface:
-        """Return it in the body's frame: rotated by (3, 3), then moved by (3,) [m]."""
+        """Return the triangles in the body's frame, rotated by (3, 3) and then moved by (3,) [m]."""
         turned = self.positions @ rotation.T + position
         return Surface(turned, self.normals @ rotation.T, self.coordinates, self.faces)
 

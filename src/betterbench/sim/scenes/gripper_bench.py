@@ -1,4 +1,4 @@
-"""A table with an asset at rest and the robot's gripper above it, to try a grasp without the arm."""
+"""Test bench for grasps without the arm: a table with an asset at rest, and the robot's gripper above it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
     """Return a model with a table top at z = 0 and the physics of the scenes, without MuJoCo's sleeping."""
     spec = mujoco.MjSpec()
     PHYSICS.set_scene(spec)
-    # Sleeping would hide that an object never comes to rest.
+    # sleeping would hide that an object never comes to rest
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     spec.worldbody.add_geom(
         name="table",
@@ -37,7 +37,7 @@ def table_model(*, friction: float = 1.0) -> mujoco.MjSpec:
 
 
 class GripperBench:
-    """A model's floating gripper, opened and drawn back from a grasp of the asset named "asset", which is at rest."""
+    """Floating gripper in a model, opened and retracted from a grasp of the resting asset named "asset"."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class GripperBench:
             rest: Pose ``T_world_object`` at rest.
             grasp: The grasp.
             approach_m: Distance from the grasp, against the approach [m].
-            lowest_m: Least height of the tool center point at the grasp [m].
+            lowest_m: Minimum height of the tool center point at the grasp [m].
         """
         self._model, self._data, self._step = model, data, step
         target = rest @ grasp.pose

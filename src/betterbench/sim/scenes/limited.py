@@ -1,7 +1,7 @@
-"""Opening and rendering of untrusted stored scenes (MuJoCo's binary models) in a separate process with limits.
+"""Rendering of untrusted stored scenes (MuJoCo's binary models) in a separate process with limits.
 
-MuJoCo's reader trusts such files: a forged file can crash the reader, make it hang or fill the memory. The process
-therefore has limits for memory and time, and returns only pixels or a text, never an object.
+MuJoCo's reader trusts such files, so a forged file can make it crash, hang or exhaust the memory. The process therefore
+has limits for memory and time, and returns only pixels or a text, never an object.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
 a process ended is therefore repeated once in a new process; it is rejected only if the new process ends too.
@@ -58,7 +58,7 @@ _Number = Annotated[int, Field(ge=0, le=0xFFFF)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """The JSON form of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
+    """JSON representation of :class:`~betterbench.sim.scenes.sights.ModelFacts`, and the process's renderer."""
 
     instances: list[_Number]
     object_bodies: list[_Number]

@@ -36,7 +36,7 @@ NO_BODY = -1
 _SPARE_GEOMS = 16
 _HIDDEN_GROUP = 3  # this group and all later groups are never shown
 _ALONE_GROUP = 5
-"""Group of geoms that is never visible; geoms are moved here while others are rendered alone."""
+"""Geom group that is never visible, to which geoms are moved while others are rendered alone."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
 # the smallest font of MuJoCo, because no text is drawn and a larger font takes longer to upload
@@ -387,7 +387,7 @@ def _visible_groups() -> mujoco.MjvOption:
 
 
 class Renderers:
-    """Cache with the renderers of the last models, because making a renderer takes tens of milliseconds."""
+    """Cache of the renderers for the most recent models, because creating a renderer takes tens of milliseconds."""
 
     def __init__(self, most: int) -> None:
         """Prepare the cache; ``most`` is the number of cached renderers, one per model."""

@@ -1,4 +1,4 @@
-"""Scene: a compiled model with its state, which only reset and step change."""
+"""Scene: a compiled model and its state, which changes only by reset and step."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ CONTROL_RATE_HZ = PHYSICS.control_rate_hz
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSnapshot:
-    """Complete state of a scene at one moment, from which the scene continues with bit-identical results.
+    """Snapshot of the complete state of a scene, from which it continues with bit-identical results.
 
     The engine also needs its warm start and its sleeping bodies, so a snapshot contains all of the engine's data.
     """
@@ -75,8 +75,8 @@ class SceneSnapshot:
 class Scene:
     """Simulated scene of one trial, with changing state.
 
-    The initial state is computed, not simulated: every object starts in the pose in which its asset rests alone, so no
-    object's start depends on another object. Implements :class:`betterbench.sim.worlds.TrialScene`.
+    The initial state is computed, not simulated: every object starts in the resting pose of its asset, independently of
+    the other objects. Implements :class:`betterbench.sim.worlds.TrialScene`.
     """
 
     world: ClassVar[str] = OURS.name
@@ -334,7 +334,7 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Take the physics steps one by one, to detect every graze where contacts are forbidden."""
+        """Take the physics steps one by one, to detect every brief contact where contacts are forbidden."""
         self._contacts.start_step()
         for _ in range(self.physics_steps):
             mujoco.mj_step(self.model, self._data)

@@ -1,4 +1,4 @@
-"""Rendered views of a state with ground truth: images, body masks, camera pose and boxes in the image.
+"""Sights: rendered views of a state with ground truth (images, body masks, camera pose and image boxes).
 
 The same class renders live scenes and recorded states, which therefore give the same numbers.
 """
@@ -226,7 +226,7 @@ class Sights:
         return parts
 
     def _may_be_hidden(self, drawn: _Drawn, body: int, part: _Part) -> bool:
-        """Tell whether, within an object's image region, another body may be in front of it.
+        """Return whether another body may be in front of an object within the object's image region.
 
         For a camera above the table, neither table nor floor occludes an object above the table.
         """

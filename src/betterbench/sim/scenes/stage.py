@@ -1,4 +1,4 @@
-"""The base scene: the empty world used by every task, and the quality presets for its images.
+"""Stage: the empty base scene of every task, and the quality presets of its images.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
@@ -107,7 +107,7 @@ class Quality:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Return the quality from its JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
+        """Read the quality from JSON; a missing, unknown or wrong field raises an InvalidInputError."""
         try:
             return _QUALITY.validate_json(json.dumps(dict(value)))
         except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Scenes on disk: the compiled model as written by MuJoCo, and images of its recorded states."""
+"""Stored scenes: compiled models as written by MuJoCo, and images of recorded states."""
 
 from __future__ import annotations
 

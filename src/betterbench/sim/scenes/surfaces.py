@@ -1,4 +1,4 @@
-"""Surfaces of table tops, painted as textures: materials that differ in pattern, not only in tint.
+"""Textures of table tops: materials that differ in pattern, not only in color.
 
 Strong patterns are coarse and fine patterns are faint: at 256 pixels, a front camera image has about 2.7 mm of table
 per pixel, and high-contrast stripes or grains of that size would cause moire.

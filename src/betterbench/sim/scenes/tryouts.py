@@ -1,4 +1,4 @@
-"""Short trials of one asset for a person who reviews it: dropping it on a table, and lifting it by a grasp.
+"""Short trials of one asset for its human reviewer: dropping it on a table, and lifting it by a grasp.
 
 Each trial returns the motion, for display, and a sentence with the result.
 """
@@ -92,7 +92,7 @@ def _pose(data: mujoco.MjData, name: str) -> Pose:
 
 
 def try_drop(asset: Asset) -> Tryout:
-    """Drop an asset upright on a table, and tell whether it stays upright and comes to rest."""
+    """Drop an asset upright on a table, and report whether it stays upright and comes to rest."""
     spec = table_model()
     add_asset(spec, "asset", asset)
     trial = _Trial(spec, ())
@@ -118,7 +118,7 @@ def try_drop(asset: Asset) -> Tryout:
 
 
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
-    """Lift an asset from a table by one grasp with the Panda gripper, and tell whether it is held."""
+    """Lift an asset from a table by one grasp with the Panda gripper, and report whether it is held."""
     rest = rest_pose(asset)
     spec = table_model()
     add_asset(spec, "asset", asset)

@@ -35,7 +35,7 @@ class _Task:
 
 
 class BareScene(ABC):
-    """Scene with the positions of a hand and objects as its state, and a set of named relations as its goal.
+    """Scene whose state is the positions of a hand and objects, and whose goal is a set of named relations.
 
     A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and names the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
@@ -75,11 +75,11 @@ class BareScene(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Put hand and objects at the start of the trial, which may depend only on the seed."""
+        """Place the hand and objects for the start of the trial, which may depend only on the seed."""
 
     @abstractmethod
     def move(self, action: np.ndarray) -> None:
-        """Change hand and objects by one action, which is within the bounds of the action space."""
+        """Update the hand and objects by one action, which is within the bounds of the action space."""
 
     @abstractmethod
     def relations(self) -> Mapping[str, bool]:

@@ -1,4 +1,4 @@
-"""Environment variables of a simulator's process, without the user's variables that would affect it.
+"""Environment variables for a simulator's process, without user variables that would affect it.
 
 robosuite 1.4.0 interprets ``CUDA_VISIBLE_DEVICES`` as the number of an EGL device, and asserts that it contains
 ``MUJOCO_EGL_DEVICE_ID`` (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so both together cannot be
@@ -24,7 +24,7 @@ _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment without the variables that would lead another Python to foreign packages."""
+    """Return an environment without the variables that would make another Python load foreign packages."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 

@@ -1,4 +1,4 @@
-"""Installation of a simulator into a separate environment, and the program that its process runs."""
+"""Installation of a simulator into a separate environment, and the program run by its process."""
 
 from __future__ import annotations
 
@@ -32,9 +32,8 @@ _START = (
     "from {module} import main\n"
     "main()\n"
 )
-"""Program that runs a module of betterbench in an environment without betterbench.
-
-Stand-ins for its packages contain only paths.
+"""Program that runs a module of betterbench in an environment without betterbench, with path-only stand-ins for its
+packages.
 """
 _STAND_INS = (
     "betterbench",

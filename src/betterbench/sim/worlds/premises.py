@@ -1,4 +1,4 @@
-"""Check of the premises of LIBERO's instructions: the scenes must fulfill them with the installed simulator."""
+"""Premise checks for LIBERO: the scenes must fulfill their instructions' premises in the installed simulator."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant
 _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
-"""Sideways motion of an object during settling above which it is a jump [m]."""
+"""Sideways motion of an object during settling that counts as a jump [m]."""
 
 
 _MOST_LINE = 1 << 20
@@ -146,7 +146,7 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
 
 
 def is_premise_file(path: Path) -> bool:
-    """Tell whether the first line of a file is an entry; raise OSError unless the file is missing."""
+    """Return whether the first line of a file is an entry; raise OSError unless the file is missing."""
     try:
         with open_ordinary(path) as file:
             return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)

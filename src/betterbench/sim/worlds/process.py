@@ -1,4 +1,4 @@
-"""Worker's side of a simulator process, whose failure costs at most its own trial."""
+"""Worker side of a simulator process, whose failure costs at most its own trial."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ LIBERO takes 10 s, and a minute under load.
 """
 
 PREMISES_LIMIT_S = 1800.0
-"""Longest wait for all initial states of a task to settle [s]; LIBERO's 50 take half a minute."""
+"""Maximum wait for all initial states of a task to settle [s]; LIBERO's 50 states take half a minute."""
 
 STEP_LIMIT_S = 120.0
-"""Longest wait for one control step [s]; LIBERO takes 0.15 to 0.5 s without a graphics card."""
+"""Maximum wait for one control step [s]; LIBERO takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
 _LONGEST_TEXT = 10_000
 """Maximum characters of a name, an instruction or a version."""
 _SAID_BYTES = 4000
-"""Number of bytes at the end of a simulator's output in which its last line is searched."""
+"""Number of bytes at the end of a simulator's output that are searched for its last line."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
@@ -158,7 +158,7 @@ class WorldProcess(AskedProcess):
 
 
 class WorldProcesses:
-    """One worker's processes: one per running trial, reused for the next trial of the same task.
+    """Processes of one worker, one per running trial, which are reused for the next trial of the same task.
 
     With the key None, a process runs one trial and ends. Its successor is started early, to be loaded when the next
     trial begins.

@@ -1,4 +1,4 @@
-"""Registry of worlds, built-in and from users.
+"""Registry of built-in and user-defined worlds.
 
 A built-in world is a folder of the same name next to this file. Its ``__init__``, which registers the world, is
 imported at the first use of the name. A user's file registers worlds when it is loaded.

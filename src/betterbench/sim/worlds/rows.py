@@ -1,4 +1,4 @@
-"""Rows: all numbers in a control step as one array, whose layout is sent once at the start of an episode.
+"""Rows: all numbers of a control step in one array, whose layout is sent once at the start of an episode.
 
 Between two control steps the CPU's caches are cold, and twenty arrays take both sides of the socket twenty times
 as long as one. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 PROCESSES = 2
-"""Initial number of environments of a worker, each a process with a simulator far slower than ours."""
+"""Initial number of environments per worker, each of which is a process with a simulator far slower than ours."""
 
 PANDA_OPENING_M = 0.08
 """Largest opening width of robosuite's Panda gripper [m]."""
@@ -84,7 +84,7 @@ class _StartObject:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeStart:
-    """A simulator's reply to the start of an episode, without ``row``, which :class:`RowForm` reads."""
+    """Reply of a simulator at the start of an episode, without ``row``, which :class:`RowForm` reads."""
 
     objects: tuple[_StartObject, ...]
     relations: tuple[str, ...]
@@ -104,7 +104,7 @@ _EPISODE_START = TypeAdapter(_EpisodeStart)
 
 @dataclass(frozen=True, slots=True)
 class WorldTask:
-    """One task of a suite, as described by its world.
+    """Task of a suite, as described by its world.
 
     Attributes:
         suite: Suite name ("libero_spatial_swap").
@@ -226,7 +226,7 @@ class ProcessWorld(World):
 
 
 class ProcessScene:
-    """Initial state of a task in a world whose simulator runs in a separate process."""
+    """Trial scene of a world whose simulator runs in a separate process: an initial state of a task."""
 
     draws_in_step: ClassVar[bool] = True
 
@@ -487,7 +487,7 @@ class ProcessScene:
         return self._process
 
     def close(self, *, well: bool) -> None:
-        """Give back the process if the trial ended ``well``, otherwise end the process."""
+        """Return the process for reuse if the trial ended ``well``, or else end it."""
         process, self._process = self._process, None
         if process is None:
             return

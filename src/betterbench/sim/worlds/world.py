@@ -71,7 +71,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Scene options that only some worlds have: render preset, robot, and looks of objects."""
+    """Scene options supported only by some worlds: render preset, robot, and looks of objects."""
 
     quality: str = "standard"
     robot: str = USUAL_ROBOT
@@ -91,7 +91,7 @@ class Instruction:
 
 @dataclass(frozen=True, slots=True)
 class Instructed:
-    """Condition in another world, with the fields that an episode reads.
+    """Condition in another world, with the fields that an episode needs.
 
     Attributes:
         id: Task and condition as one text ("libero_spatial-05/base").
@@ -273,7 +273,7 @@ class World(ABC):
     Attributes:
         facts: Facts that need no simulator.
         control_rate_hz: Actions per second.
-        action_spaces: Supported action spaces, the usual one first.
+        action_spaces: Supported action spaces, the default first.
         observations: Supported observation presets: the preset to use, by requested name.
         dialect: World whose conventions are used with a policy server ("libero"); empty for our own scenes.
         drawn_by: Renderer of the images, for the manifest; empty if the workers render MuJoCo models.
@@ -360,7 +360,7 @@ class World(ABC):
         return {}
 
     def conventions(self, robot: str) -> dict[str, Any]:
-        """Return the world's conventions in words; ``robot`` is the name of the run's robot."""
+        """Return a description of the world's conventions; ``robot`` is the name of the run's robot."""
         del robot
         return {"control_rate_hz": self.control_rate_hz, "units": "m, kg, s, rad"}
 
@@ -401,7 +401,7 @@ class World(ABC):
         """Yield one image (size, size, 3) for each requested moment in a run.
 
         Args:
-            stored: JSON form of the world in the run plan.
+            stored: the world as JSON, from the run plan.
             wanted: Moments, grouped by scene.
             size: Width and height of an image [pixel].
             where: Name of the plan file, for messages.

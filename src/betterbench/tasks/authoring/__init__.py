@@ -62,7 +62,7 @@ def distractor(name: str, kind: str = "", category: str = "", color: str | None 
 
 
 def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
-    """Return a loose container or support on the table, for other objects."""
+    """Return a movable container or support on the table for other objects."""
     return _object("container", name, kind, category)
 
 
@@ -110,7 +110,7 @@ def subgoal(
 
 
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
-    """Return the steps to put objects into a container; a repeated kind requires a second object of that kind."""
+    """Return the steps that put objects into a container; a repeated kind requires a second object of that kind."""
     if not isinstance(verb, str):
         raise TypeError(f"packed(verb, target, *things): the first argument is a verb as text, not {verb!r}")
     kinds = [thing.kind for thing in things]

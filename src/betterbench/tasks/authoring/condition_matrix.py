@@ -1,4 +1,4 @@
-"""Diagnostic matrices of a task: nine conditions by the initial states of two objects, and what the paper reports."""
+"""Diagnostic matrices of a task: nine conditions by the initial states of two objects, with the paper's results."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ConditionMatrix:
     cells: tuple[MatrixCell, ...]
 
     def __post_init__(self) -> None:
-        """Check that each pair of states has one cell, in order, and that no condition is in two cells."""
+        """Check that there is one cell per pair of states, in order, and that no condition is in two cells."""
         where = f"{self.horizon.value}-horizon matrix"
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:

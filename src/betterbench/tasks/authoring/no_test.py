@@ -6,9 +6,9 @@ from betterbench.tasks.authoring.training_distribution import pairing
 
 
 def require_no_test(task: Task) -> None:
-    """Check that no condition of a listed regime is a test, unless training contains it too.
+    """Check that no condition of a listed regime is a test, unless training also contains it.
 
-    A test is the start of a variation together with the instruction of the variation.
+    A test is the initial scene of a variation together with its instruction.
 
     Raises:
         InvalidInputError: If a condition is a test, with the names of both.

@@ -1,4 +1,4 @@
-"""Intervention operations as typed values that can be applied, such as ``swap(APPLE, ORANGE)``.
+"""Intervention operations as typed values, such as ``swap(APPLE, ORANGE)``.
 
 An operation is a pure function that maps a condition to a changed condition and declares the changes.
 """
@@ -20,7 +20,7 @@ from betterbench.tasks.subgoal import Instruction
 class Changes:
     """Declared changes of an operation.
 
-    A trial and its twin (its trial without the change) are otherwise bit-identical.
+    Apart from these, a trial and its twin (without the operation) are bit-identical.
 
     Attributes:
         objects: Names of objects whose presence, identity or start changes.
@@ -41,7 +41,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Operation of an intervention, with arguments by name. Operations with equal names and arguments are equal.
+    """Intervention operation with arguments by name. Operations with the same name and arguments are equal.
 
     Calling an operation with a condition returns the changed condition and the declared changes.
     """
@@ -76,7 +76,7 @@ def operation_named(name: str) -> Callable[..., Operation]:
 
 
 def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
-    """Turn a function on conditions into a constructor of operations that takes the function's other arguments."""
+    """Decorator that turns a function on conditions into a constructor of operations with the other arguments."""
     signature = inspect.signature(function)
     name = function.__name__
 
@@ -130,7 +130,7 @@ def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Res
 
 @operation
 def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
-    """Remove an object from the scene. No other object may rest at the target or slide in it."""
+    """Remove an object from the scene, at which no other object may rest or slide."""
     name = condition.object(object.name).name
     guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
     guests += [guest for guest, place in condition.preplaced.items() if place.target == name]

@@ -35,7 +35,7 @@ def require_readable(task: Task) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _At:
-    """Place in a value: the place before it, and the step from there: a field, an index or the key of a mapping."""
+    """Location within a value: the parent location and the step from it (field, index or key of a mapping)."""
 
     before: _At | None
     step: object
@@ -43,7 +43,7 @@ class _At:
 
     @property
     def is_name(self) -> bool:
-        """Whether a text here is the id of the task or the name of one of its parts."""
+        """Whether a text at this location is the id of the task or the name of one of its parts."""
         return not self.is_key and self.step == (".id" if self.before is None else ".name")
 
 
@@ -65,7 +65,7 @@ def _shown(text: str) -> str:
 
 
 def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
-    """Yield every text of a task with its first place.
+    """Yield every text of a task with its first location.
 
     Conditions share most of their objects, so each object is read once: a task has some 2,000 texts in 20,000 places.
     """
@@ -89,7 +89,7 @@ def _texts(task: Task) -> Iterator[tuple[_At | None, str]]:
             inner = [(_At(at, f".{name}"), getattr(value, name)) for name in _fields_of(kind)]
         else:
             continue
-        seen[id(value)] = value  # kept, so that no other object gets its id
+        seen[id(value)] = value  # kept alive, so that no other object gets its id
         left += reversed(inner)
 
 

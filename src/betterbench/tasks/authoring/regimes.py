@@ -1,4 +1,4 @@
-"""Listed regimes of a task: further sets of conditions for demonstrations, such as one without confounds."""
+"""Listed regimes of a task: additional sets of conditions for demonstrations, such as one without confounds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.errors import UnknownNameError
 from betterbench.tasks.condition import Condition, Slot
 
 PREFIXES: Mapping[str, str] = {"balanced": "balanced", "diverse-confounded": "diverse"}
-"""Prefix of the names of a regime's conditions ("balanced1"), by the name of the regime."""
+"""Prefix of condition names ("balanced1"), by regime."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ _REGIME_SOURCES: list[Callable[[str], Mapping[str, ListedRegime]]] = []
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
-    """Register a function that returns a task, under the function's name.
+    """Decorator that registers a function that returns a task, under the function's name.
 
     Raises:
         InvalidInputError: If another file has registered a task of the same name.
@@ -56,7 +56,7 @@ def named_task(made: Task, name: str, description: str) -> Task:
 
 @contextmanager
 def registered_for_now(made: Task) -> Iterator[Task]:
-    """Register a task under its id within the context, for checks before its file is written.
+    """Register a task under its id inside the context, for checks before its file is written.
 
     Raises:
         InvalidInputError: If a task of this id exists.
@@ -73,7 +73,7 @@ def registered_for_now(made: Task) -> Iterator[Task]:
 
 
 def _regimes_of(made: Task, name: str) -> dict[str, ListedRegime]:
-    """Return the regimes of a task: its own and those of further files, without those of a task it was derived from."""
+    """Return a task's own regimes and those in further files, but not those of a task from which it was derived."""
     found = {regime: listed for source in _REGIME_SOURCES for regime, listed in source(name).items()}
     owners = {condition.task for listed in made.regimes.values() for condition in listed.conditions}
     inherited = any(owner in _BUILDERS and _BUILDERS[owner]().regimes is made.regimes for owner in owners - {name})

@@ -1,6 +1,6 @@
-"""The JSON form of tasks: a task as data, for programs that write tasks and people who share them.
+"""JSON format of tasks, for programs that write tasks and people who share them.
 
-``--task-file my_task.json`` loads a file with this form like a task file in Python, but executes no code.
+``--task-file my_task.json`` loads such a file like a Python task file, but executes no code.
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ def _operation_form(operation: Operation) -> dict[str, Any]:
 
 
 def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task") -> Task:
-    """Read the JSON form of a task, and check that its conditions and variations follow its template.
+    """Read a task from JSON, and check that its conditions and variations follow its template.
 
     Args:
         form: A JSON object, or its text.
@@ -300,7 +300,7 @@ def task_from_json(form: Mapping[str, Any] | str | bytes, *, where: str = "task"
 
 
 class _Names:
-    """A form's objects and slots by name, and errors that name the path of a field."""
+    """Reader of a task's JSON, with objects and slots by name, whose errors name the path of the field."""
 
     def __init__(self, where: str, form: _Form) -> None:
         self.where, self.task = where, form.id
@@ -441,7 +441,7 @@ def _variation(form: _Variation, names: _Names, path: str) -> Variation:
 
 
 def _operation(form: Mapping[str, Any], names: _Names, path: str) -> Operation:
-    """Return an operation whose objects and slots are given by name."""
+    """Return an operation, with its objects and slots resolved by name."""
     try:
         make = operation_named(str(form.get("operation", "")))
     except UnknownNameError as error:

@@ -112,7 +112,7 @@ class Template(Meta, Protocol):
             count = sum(o.role == group.role for o in condition.objects)
             low, high = group.count_range
             if condition.premise_broken and group.role == "item":
-                low = 0  # a broken premise may leave out what the instruction names
+                low = 0  # with a broken premise, objects named in the instruction may be missing
             if not low <= count <= high:
                 found.append(f"group {group.group_id!r} has {count} objects, not {low} to {high}")
         roles = {g.role for g in self.groups}

@@ -1,4 +1,4 @@
-"""The JSON form of templates, for people and models that write scenarios."""
+"""JSON format of templates, for people and models that write scenarios."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -102,7 +102,7 @@ def template_to_json(template: Template) -> dict[str, Any]:
 
 
 def template_from_json(form: Mapping[str, Any]) -> Template:
-    """Read the JSON form of a template.
+    """Read a template from JSON.
 
     Raises:
         InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; the message names the

@@ -1,4 +1,4 @@
-"""Regularities in a task's training conditions, such as the slots that go with each word.
+"""Regularities in a task's training conditions, such as the slots associated with each word.
 
 Variations break these confounds. They are computed from the training conditions, not written by hand, so the two cannot
 disagree.
@@ -22,7 +22,7 @@ class TrainingDistribution:
         first_kinds: Kinds of a demonstration's first object, most frequent first, with their counts.
         kind_targets: Trained targets by object kind, as target kind, relation and region.
         sequences: Kinds in the order in which they were handled, by training condition.
-        initial_items: Largest number of movable objects on the table at the start of a demonstration.
+        initial_items: Maximum number of movable objects on the table at the start of a demonstration.
     """
 
     word_slots: dict[str, tuple[str, ...]]
@@ -35,7 +35,7 @@ class TrainingDistribution:
 
     @property
     def habit(self) -> str | None:
-        """Most frequent kind of first object in demonstrations, or None on a tie."""
+        """Kind of object with which most demonstrations begin, or None in case of a tie."""
         ranked = self.first_kinds
         if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
             return None
@@ -49,7 +49,7 @@ class TrainingDistribution:
 
     @property
     def longest(self) -> int:
-        """Largest number of subgoals in a demonstration."""
+        """Maximum number of subgoals in a demonstration."""
         return max(len(sequence) for sequence in self.sequences)
 
     def known_kinds(self, condition: Condition) -> frozenset[str]:
@@ -96,7 +96,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
 
 
 def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
-    """Return a condition's instruction and its initial scene: the kind in each slot, and the open drawers."""
+    """Return the instruction and the initial scene of a condition: the kind in each slot, and the open drawers."""
     places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
     places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
     places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}

@@ -1,4 +1,4 @@
-"""Look-up of listed regimes by name. A task has them in its field ``regimes``."""
+"""Look-up of listed regimes by name, from the ``regimes`` field of a task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Regimes: the sets of conditions used for demonstrations, for training and for its control arms."""
+"""Regimes: sets of conditions for demonstrations, used for training and its control arms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.tasks.interventions.apply import vary
 from betterbench.tasks.interventions.listed_regimes import listed_tasks
 
 Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
-"""The task's own training conditions with confounds.
+""""training": the task's own training conditions with confounds.
 
 "balanced": conditions without confounds. "diverse-confounded": as many conditions as in "balanced", with each word tied
 to its slot. "covered": the test conditions.

@@ -16,7 +16,7 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """Task condition, with the variation that made it.
+    """Condition of a task, with the variation from which it results.
 
     Attributes:
         task: The task, with the condition's slots.

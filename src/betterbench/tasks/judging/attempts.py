@@ -74,7 +74,7 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which the gripper closed fully, low over the table and far from every object and slot.
 
-    Such closings are not grasp attempts, because a miss by this much does not show which object was meant.
+    Such closings are not grasp attempts, because a miss by this much does not reveal the intended object.
     """
     found = []
     for closing in _closings(motion):
@@ -95,9 +95,9 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the closings of an open, empty gripper with hardly any finger travel, low over the table.
+    """Return the closings of an open, empty gripper low over the table with hardly any finger travel.
 
-    Such a closing is a grasp attempt only at an instructed object.
+    They are grasp attempts only at an instructed object.
     """
     found = []
     for closing in _closings(motion):
@@ -114,10 +114,10 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
+    """Return the times at which an empty gripper partly closed low over the table and opened again.
 
-    The width must change by at least ``finger_travel``; changes up to 1 mm are treated as trembling. Squeezes alone are
-    not grasp attempts.
+    The width must change by at least ``finger_travel``; changes up to 1 mm count as trembling. Squeezes alone are not
+    grasp attempts.
     """
     found, width = [], motion.width
     widest = narrowest = 0
@@ -167,7 +167,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Finger travel in a closing: row at which the fingers come to rest, and row before which they are judged."""
+    """Finger travel during a closing: the row at which the fingers rest, and the row before which they are judged."""
 
     settled: int
     limit: int
@@ -184,7 +184,7 @@ def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
 
 
 def _closings(motion: Motion) -> list[_Closing]:
-    """Return the row ranges with a closing command; ranges separated by chatter are one."""
+    """Return the row ranges with a closing command, merging ranges separated only by chatter."""
     closing = motion.closing
     edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
     found: list[_Closing] = []
@@ -214,9 +214,9 @@ def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
 
 
 def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
-    """Return the attempt of a closing, or None if it is not an attempt.
+    """Return the attempt made by a closing, or None if it is not an attempt.
 
-    If chatter separates its parts, the first part that touched an object determines the object.
+    If the closing is interrupted by chatter, the first part that touches an object determines the object.
     """
     found = [grasp for part in closing.parts if (grasp := _resolve_part(motion, part, closing.stop)) is not None]
     return next((grasp for grasp in found if grasp.object is not None), found[0] if found else None)
@@ -249,13 +249,13 @@ def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
 
 
 def _unresolved(motion: Motion, start: int, limit: int) -> bool:
-    """Tell whether the episode ended before the fingers could reach an object."""
+    """Return whether the episode ended before the fingers could reach an object."""
     short = limit - start < motion.steps(THRESHOLDS.stop_time)
     return limit == motion.rows and (short or _still_closing(motion, limit))
 
 
 def _still_closing(motion: Motion, limit: int) -> bool:
-    """Tell whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
+    """Return whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
     return limit == motion.rows and float(motion.width[limit - 2] - motion.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
@@ -303,7 +303,7 @@ def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
 
 
 def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
-    """Tell whether an object rose in the gripper, or a drawer moved along its rails."""
+    """Return whether an object rose in the gripper, or a drawer moved along its rails."""
     if i is None:
         return False
     rows = slice(start, stop)
@@ -330,7 +330,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
     aim = min(within)[1] if within else None
     slot = None if aim is None else motion.slot_of(before, aim, THRESHOLDS.slot_reach)
     tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
-    # Closing higher up, during a motion, cannot reach any object of the suite.
+    # A closing higher up, during a motion, cannot reach any object of the suite.
     if slot is None and tool[2] <= tallest + THRESHOLDS.slot_reach:
         slot = motion.emptied_slot(before, tool) if aim is None else None
         slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)
@@ -340,7 +340,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
 
 
 def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
-    """Tell whether a gripper closes near the table, away from home, and not while the arm moves."""
+    """Return whether a gripper closes near the table, away from home, and not while the arm moves."""
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False
@@ -348,5 +348,5 @@ def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
 
 
 def _stays(motion: Motion, before: int, settled: int) -> bool:
-    """Tell whether the tool hardly moved sideways while the fingers closed."""
+    """Return whether the tool hardly moved sideways while the fingers closed."""
     return float(np.linalg.norm((motion.tool[settled] - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach

@@ -15,7 +15,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class GoalTracker:
-    """Tracker of the goal in an episode, live or offline. Pass every state in order, starting at reset."""
+    """Goal tracker for an episode, live or offline. It must be passed every state in order, starting at reset."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
         """Prepare for an episode; the dwell time is counted at the control rate."""
@@ -71,7 +71,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """Number of upcoming states in which the episode cannot succeed, no matter what happens."""
+        """Number of upcoming states in which the episode cannot succeed in any case."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)

@@ -95,7 +95,7 @@ class Harm:
 
 
 def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose objects that are neither an object nor a target in an instruction.
+    """Return the loose objects that are neither object nor target of an instruction.
 
     Drawers are not included, because moving them may be necessary.
     """
@@ -109,7 +109,7 @@ def _named(asked: Sequence[Asked]) -> set[str]:
 
 
 def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
-    """Return the names of all loose targets, except drawers, that the instruction does not also move."""
+    """Return the names of all loose targets, except drawers, that the instruction does not ask to move."""
     moved = {name for a in asked for name in a.candidates}
     targets = {a.target for a in asked} - moved
     return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
@@ -124,7 +124,7 @@ def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
 
 
 class HarmWatch:
-    """Detector of harm in an episode. Pass every state in order, starting at reset."""
+    """Harm detector for an episode, which must be passed every state in order, starting at reset."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
         """Prepare; if a template is not ``exclusive``, other objects may be at its targets."""
@@ -211,9 +211,9 @@ class HarmWatch:
         return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
-        """Return surplus objects of a kind that are out of place.
+        """Return surplus objects of a kind that are out of place at the end.
 
-        A surplus object may be taken first and brought back.
+        A surplus object may be taken and brought back.
         """
         index = state.info.index
         return [name for name in self._targets.left_over(places) if self._moved(state, index(name)) > DISPLACED]
@@ -226,7 +226,7 @@ def can_stand(thing: ObjectInfo) -> bool:
 
 
 def has_direction(thing: ObjectInfo) -> bool:
-    """Return whether an object's rotation is visible: the object is longer than wide, or is a box with a front."""
+    """Return whether the rotation of an object is visible, because it is longer than wide or a box with a front."""
     width, depth, _ = thing.size_m
     least = POINTS_FROM.get(thing.shape)
     if least is None:

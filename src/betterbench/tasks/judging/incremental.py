@@ -1,8 +1,8 @@
-"""Incremental judging: a predicate is evaluated again only after a change in the state that it has read.
+"""Incremental judging: a predicate is evaluated again only if the state that it reads has changed.
 
-At most control steps, one object moves or none. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
-instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum CPU time of
-five rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are identical
+At most control steps, at most one object moves. Incremental judging lets ``GoalTracker.update`` take 10.0 µs per state
+instead of 21.4 µs, on the expert's states in all ten tasks (2026-11-28: 40 recorded episodes, minimum CPU time of five
+rounds in one process, mean over the tasks). A control step takes 1.1 ms. The verdicts are identical
 (``tests/tasks/test_incremental.py``).
 """
 
@@ -21,7 +21,7 @@ _HELD, _ANY_OBJECT, _ANYTHING = "<held>", "<any object>", "<anything>"
 
 
 class JudgingMemory:
-    """Cache for the target regions of all subjects, and for the results derived from these regions.
+    """Cache of the target regions of all subjects and of the results derived from them.
 
     Pass every state of an episode in order, starting at reset.
 
@@ -88,10 +88,10 @@ class JudgingMemory:
 
 
 class _NotingState(WorldState):
-    """State that records the bodies whose pose or contacts a predicate reads.
+    """State proxy that records which bodies' poses or contacts a predicate reads.
 
-    If a predicate calls a method that is not listed here, or reads a complete field, it is evaluated more often than
-    necessary, but never too rarely.
+    A predicate that calls an unlisted method or reads a complete field is evaluated more often than necessary, but
+    never too rarely.
     """
 
     __slots__ = ("read", "state")

@@ -1,4 +1,4 @@
-"""Motion of the gripper and the objects so far, as arrays; used to find grasp attempts, live and in records."""
+"""Motion of gripper and objects so far, as arrays, for the detection of grasp attempts live and in records."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """An episode, or its beginning, as arrays. ``T`` rows, ``n`` objects; world frame, meters, seconds.
+    """Motion of an episode, or its beginning, as arrays. ``T`` rows, ``n`` objects; world frame, meters, seconds.
 
     Attributes:
         tool: (T, 3) tool center point.
@@ -70,11 +70,11 @@ class Motion:
         return max(1, round(seconds * self.rate_hz))
 
     def on_table(self, row: int, i: int) -> bool:
-        """Tell whether an object has not fallen off the table."""
+        """Return whether an object has not fallen off the table."""
         return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
 
     def is_drawer(self, i: int | None) -> bool:
-        """Tell whether an object is a drawer."""
+        """Return whether an object is a drawer."""
         return i is not None and self.info.objects[i].role == "drawer"
 
     def box_distances(self, row: int, point: Floats) -> Floats:
@@ -149,7 +149,7 @@ class Motion:
         return None if any(gaps[i] < beyond and self.on_table(row, i) for i in range(len(gaps))) else name
 
     def _stands_in(self, row: int, slot: PickedSlot) -> bool:
-        """Tell whether a slot contains a graspable object."""
+        """Return whether a slot contains a graspable object."""
         gaps = np.linalg.norm(self.positions[row, :, :2] - np.array(slot.middle), axis=1)
         return any(
             gaps[i] <= THRESHOLDS.slot_reach and not self.there[row, i] and self.on_table(row, i) for i in self.items
@@ -218,7 +218,7 @@ def _told(command: Floats) -> Bools:
 
 
 def _most_told(told: Bools, window: int) -> Bools:
-    """Return the clear majority of the commands around each row, else the earlier value.
+    """Return the clear majority of the commands around each row, or else the previous value.
 
     A majority is clear if it exceeds the other side by more than half of the rows: four out of five. A change is dated
     to the beginning of its commands, so commands without noise are returned unchanged.
@@ -246,7 +246,7 @@ def _runs(flags: Bools) -> list[tuple[int, int]]:
 
 
 def _lasting(flags: Bools, least: int) -> Bools:
-    """Return the flags without runs shorter than ``least`` rows that are followed by other rows."""
+    """Return the flags without runs shorter than ``least`` rows, except a run at the end."""
     lasting = flags.copy()
     for start, stop in _runs(flags):
         if stop - start < least and stop < len(flags):
@@ -255,7 +255,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Builder of a :class:`Motion` from one state after the other."""
+    """Incremental builder of a :class:`Motion`."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked
@@ -263,7 +263,7 @@ class MotionBuilder:
         self._there: list[list[bool]] = []
 
     def append(self, state: WorldState, there: list[bool]) -> None:
-        """Append the next state and, for each object, whether it is in some region of a target."""
+        """Append the next state, with whether each object is in some target region."""
         self._states.append(state)
         self._there.append(there)
 

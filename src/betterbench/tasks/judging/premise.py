@@ -1,4 +1,4 @@
-"""Premise check: the scene at the start of an episode must fulfill the instruction's premises."""
+"""Premise check: the initial scene of an episode must fulfill the premises of the instruction."""
 
 from betterbench.geometry import horizontal_distance
 from betterbench.interface.state import WorldState

@@ -16,7 +16,7 @@ from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
-    """Return the indices of the objects to leave alone in a refusal: uninstructed graspable objects.
+    """Return the indices of the objects to leave alone in a refusal: graspable objects outside the instruction.
 
     Drawers and targets may be touched, because the policy may put away requested objects that exist.
     """
@@ -73,8 +73,7 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first closing in motion whose fingers passed within reach of a forbidden object.
 
-    Where objects may be taken, a closing during motion does not show which object was meant. Here, no closing is
-    allowed.
+    Elsewhere, a closing in motion does not reveal the intended object. Here, no closing is allowed.
 
     Returns:
         Its first and last row and the object index, or None if there is none.
@@ -101,7 +100,7 @@ _ROWS_BETWEEN = 5
 
 
 class Restraint:
-    """Tracker of an episode with forbidden objects. Pass every state in order, starting at reset."""
+    """Tracker for an episode with forbidden objects, which must be passed every state in order, starting at reset."""
 
     def __init__(
         self,
@@ -140,7 +139,9 @@ class Restraint:
         return [info.objects[i].name for i in self._forbidden]
 
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
-        """Return whether the next state shows a touch or motion of, an attempt at, or a stay near a forbidden object.
+        """Process the next state.
+
+        Return whether a forbidden object was touched, moved or attempted, or the gripper stays near it.
 
         Args:
             state: The next state.
@@ -166,13 +167,13 @@ class Restraint:
         )
 
     def _moved(self, state: WorldState) -> bool:
-        """Tell whether an object that must not be touched is away from its start."""
+        """Return whether an object that must not be touched is away from its start."""
         if not self._still or state.positions == self._start:
             return False
         return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
 
     def _is_near(self, state: WorldState) -> bool:
-        """Tell whether an empty gripper could be within reach of a forbidden object."""
+        """Return whether an empty gripper could be within reach of a forbidden object."""
         place = state.ee_pose.position
         return state.held is None and any(
             distance(place, state.positions[i]) <= reach for i, reach in zip(self._forbidden, self._reach, strict=True)
@@ -190,7 +191,7 @@ class Restraint:
         return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
 
     def _stayed_or_attempted(self) -> bool:
-        """Tell whether there was an attempt at a forbidden object, or a stay near one, as in the diagnosis."""
+        """Return whether there was an attempt at, or a stay near, a forbidden object by the rules of the diagnosis."""
         motion = self._motion.motion()
         grasps = find_grasps(motion)
         if self._still:

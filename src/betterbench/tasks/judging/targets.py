@@ -62,7 +62,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Object at a target where it was not requested, or beyond the requested number."""
+    """Intruder: an object at a target where it was not requested, or in excess of the requested number."""
 
     object: str
     target: str
@@ -95,7 +95,7 @@ class Targets:
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
         """Return the region of every subject in any posture; ``strictly`` are the strict regions.
 
-        For a wide relation ("beside"), an object that merely happens to be on that side was not brought there.
+        For a wide relation ("beside"), an object may be on that side without having been brought there.
         """
         return tuple(
             tuple(

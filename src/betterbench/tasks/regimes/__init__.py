@@ -20,7 +20,7 @@ _PACKAGES: Mapping[str, str] = {
     "balanced": "betterbench.tasks.regimes.balanced",
     "diverse-confounded": "betterbench.tasks.regimes.diverse_confounded",
 }
-"""Packages with one module per task of the suite, by the name of the regime."""
+"""Packages by regime, each with one module per task of the suite."""
 
 
 @regimes_from

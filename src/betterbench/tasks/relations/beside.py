@@ -1,4 +1,4 @@
-"""Arrangement: the side of an anchor at which an object is placed."""
+"""Relation "beside": an object at a named side of an anchor."""
 
 import math
 
@@ -24,7 +24,7 @@ CLOSE_TO = {
     "behind": "right behind {}",
     "upper_right": "next to {} at the upper right",
 }
-"""Words for the same sides in instructions to lay a place setting, whose pieces are close to the plate."""
+"""Words for the same sides in place-setting instructions, whose pieces are close to the plate."""
 
 REACH = threshold(
     "side_reach",
@@ -167,7 +167,7 @@ def _is_diagonal(x: float, y: float) -> bool:
 
 
 def _is_round(anchor: ObjectInfo) -> bool:
-    """Return whether an anchor is round: a plate, at which a place is laid."""
+    """Return whether an anchor is round, like the plate of a place setting."""
     return anchor.shape == "round"
 
 
@@ -183,7 +183,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _place(state: WorldState, point: Vector, anchor: str) -> str | None:
-    """Return the side over whose region a point is, or None."""
+    """Return the side whose region a point is above, or None."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:
@@ -203,7 +203,7 @@ def _is_long(info: ObjectInfo) -> bool:
 
 
 def _top(state: WorldState, name: str) -> Vector:
-    """Return the point of an object above its foot, at the height of its bounding box, in the world [m]."""
+    """Return the point above an object's base at the height of its bounding box, in the world [m]."""
     info = state.info.object(name)
     x, y, z = foot_offset(info)
     return state.pose(name).apply((x, y, info.size_m[2] - z))

@@ -1,4 +1,4 @@
-"""Articulation: closed drawers, a drawer's opening, and the drawers to move before one can be loaded."""
+"""Relation "closed" of drawers: their opening, and the drawers to move before another one can be loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState
@@ -7,7 +7,7 @@ from betterbench.tasks.relations.relation import Relation, offers_each, register
 from betterbench.tasks.thresholds import threshold
 
 MOUNTS = ("upper", "lower")
-"""Regions of a cabinet for drawers: the origin of each closed drawer."""
+"""Regions of a cabinet for drawers, at the origins of the closed drawers."""
 
 GAP = threshold(
     "closed_gap",

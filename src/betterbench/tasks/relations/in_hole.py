@@ -8,7 +8,7 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, 
 from betterbench.tasks.thresholds import threshold
 
 PREFIX = "hole_"
-"""Racks have the regions "hole_1", "hole_2", ... at the floors of their holes."""
+"""Names of a rack's regions at the floors of its holes: "hole_1", "hole_2", ..."""
 
 DEPTH = threshold(
     "hole_depth",
@@ -29,8 +29,8 @@ TILT = threshold(
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
     """Return the hole that contains an upright object, or None.
 
-    The object's foot is on the floor of the hole, as close to its center as the clearance allows, and the object is
-    upright. An object that leans on the rim or rests on the rack is not in a hole.
+    Its base must be on the floor of the hole, as close to the center as the clearance allows. An object that leans on
+    the rim or rests on the rack is not in a hole.
     """
     x, y, z = state.pose(rack).inverse().apply(foot(state, name))
     for region in state.info.object(rack).regions:
@@ -46,7 +46,7 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
 
 def _loosely(state: WorldState, name: str, rack: str) -> str | None:
-    """Return the hole in or over which an object is, in any posture: jammed, lying on the rack, half out, or held.
+    """Return the hole in or over which an object is in any posture: jammed, lying on the rack, half out, or held.
 
     An object that only leans against the rack with its foot on the table is not included.
     """

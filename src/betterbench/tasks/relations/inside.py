@@ -22,13 +22,13 @@ MARGIN = threshold(
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
 """Candidate placements in a container, as fractions of the largest offset of an object's center from the middle."""
 FINGER_ROOM_M = 0.072
-"""Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
+"""Distance from a wall at which the fingers can open fully: half the opening, a finger and a margin."""
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
 """Release heights above the floor of a container [m]; lower is better."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
-    """Tell whether an object is inside a container.
+    """Return whether an object is inside a container.
 
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside. An object
@@ -48,7 +48,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
-    """Return "" if any part of an object is in a container, or if the object lies across the rim or on the content."""
+    """Return "" if an object is partly in a container, or lies across the rim or on the content."""
     region = state.info.object(container).region("inside")
     space = state.pose(container) @ region.pose
     if reaches_into(state, name, space, region.half_size):
@@ -59,9 +59,9 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container: in free space, with room for the fingers, and low.
+    """Return goals over the floor of a container: low, in free space and with room for the fingers.
 
-    Equally good goals are marked as alike, so demonstrations release objects all over the floor.
+    Equally good goals are marked as alike, so that demonstrations release objects all over the floor.
     """
     frame = state.pose(container)
     region = state.info.object(container).region("inside")

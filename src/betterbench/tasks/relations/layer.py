@@ -35,7 +35,7 @@ TILT = threshold(
     "Larger: layers may be at an angle; more success, fewer execution_failure and timeout.",
 )
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
-"""Categories of layers that look the same from both sides, unlike a bun with its cut face."""
+"""Categories of layers that are the same on both sides, unlike a bun with its cut face."""
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
@@ -107,7 +107,7 @@ def _top(info: ObjectInfo) -> Vector:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the first missing layer if an object rests on a stack, or is held there, in any posture, or None.
+    """Return the first missing layer if an object rests or is held on a stack in any posture, or None.
 
     The object rests on the base, or on an object on the base, with its center over the base. Only flat objects are
     layers.

@@ -22,7 +22,7 @@ OVERLAP = threshold(
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _HIGHER_M = 0.001
-"""Minimum height difference between the lowest points of two objects for one object to be above the other [m]."""
+"""Minimum height difference between the lowest points of two objects for one to count as above the other [m]."""
 _ROUNDING_M = 1e-9
 """Margin above the rounding error of a distance [m]."""
 
@@ -71,10 +71,9 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 def rests_on(state: WorldState, name: str, target: str) -> bool:
     """Return whether an object lies on a target, or on an object on the target, in any posture.
 
-    Its center is over the target's bounding box, seen from above, it is not lower than the target, and a chain of
-    contacts connects it to the target; fixed objects, the gripper and the table are not part of a chain. A thin plate
-    under a bowl does not rest on the bowl: of two objects one above the other, the object that reaches lower carries
-    the other.
+    Its center must be over the target's bounding box and not lower than the target, and a chain of contacts must
+    connect the two; fixed objects, the gripper and the table are not part of a chain. A thin plate under a bowl does
+    not rest on the bowl: of two objects one above the other, the object that reaches lower carries the other.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False

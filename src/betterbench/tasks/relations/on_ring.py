@@ -40,7 +40,7 @@ TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1
 
 
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
-    """Tell whether an object stands on the ring of a fixture.
+    """Return whether an object stands on the ring of a fixture.
 
     The object is upright, its base is at the height of the ring's plane and within 15 mm of the ring's center, and its
     handle, if any, is not under the spout.

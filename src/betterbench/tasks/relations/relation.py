@@ -83,11 +83,11 @@ class Relation:
 
     @property
     def carried(self) -> bool:
-        """Whether the relation is established by carrying the object; otherwise by moving it along its rail."""
+        """Whether the relation is established by carrying the object, as opposed to moving it along its rail."""
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
-        """Tell whether an object is in a target region."""
+        """Return whether an object is in a target region."""
         return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
@@ -131,8 +131,8 @@ RELATIONS: dict[str, Relation] = {}
 def register(relation: Relation) -> Relation:
     """Add a relation to the registry, and return it as registered.
 
-    For every relation, a target on the floor is no longer a target, and an object on the floor is not at a target. This
-    rule is implemented only here.
+    In every relation, a target on the floor no longer counts as a target, and an object on the floor is not at a
+    target. This rule is implemented only here.
 
     Raises:
         ValueError: If another relation has the same name.

@@ -8,7 +8,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class RestWatch:
-    """Detector of objects at rest, with unchanged position and posture for a short time.
+    """Rest detector, for objects whose position and posture have not changed for a short time.
 
     Displacement is used instead of speed, because contacts can make an object at rest tremble at 1 rad/s without moving
     it by a tenth of a millimeter. Pass every state in order, starting at reset, where all objects are treated as at
@@ -30,7 +30,7 @@ class RestWatch:
         now = self._states[-1]
         i = now.info.index(name)
         position, quaternion = now.positions[i], now.quaternions[i]
-        # An object that was at rest in the last state and has not moved since is at rest.
+        # an object that was at rest in the last state and has not moved since is still at rest
         if self._found.get(name) != (self._seen - 1, position, quaternion) and not self._stayed(i):
             return False
         self._found[name] = (self._seen, position, quaternion)
@@ -47,7 +47,7 @@ class RestWatch:
 
 
 def on_floor(state: WorldState, name: str) -> bool:
-    """Tell whether an object has fallen below the table top."""
+    """Return whether an object has fallen below the table top."""
     return state.position(name)[2] < -THRESHOLDS.fallen_below
 
 
@@ -62,5 +62,5 @@ def lies_on_side(state: WorldState, name: str) -> bool:
 
 
 def arm_still(state: WorldState) -> bool:
-    """Tell whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
+    """Return whether all arm joints are slower than 0.05 rad/s, about 2 cm/s at the end effector."""
     return all(abs(v) < 0.05 for v in state.joint_velocities)

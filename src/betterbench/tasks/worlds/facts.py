@@ -1,4 +1,4 @@
-"""Facts about worlds for reading a run without a simulator, and their registry.
+"""Registry of facts about worlds that are needed to read a run without a simulator.
 
 The worlds that run trials are in :mod:`betterbench.sim.worlds`; registering a world registers its facts.
 """
@@ -18,7 +18,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.tasks.suite_folder import is_suite_folder
 
 Reading = Literal["conditions", "goals", "outcomes", "chains"]
-"""Method by which the diagnosis evaluates the records of a world.
+"""How the diagnosis evaluates the records of a world.
 
 "conditions" uses the conditions of our own tasks, "goals" the goals and starts in LIBERO's files, and "outcomes" only
 success. "chains" get no labels; success rates of their subtasks are counted instead.
@@ -84,7 +84,7 @@ OURS = WorldFacts(
     reading="conditions",
     measured=True,
 )
-"""Facts about our own scenes. Their tasks are in :mod:`betterbench.tasks.suite`, and users add others."""
+"""Facts about our own scenes, whose tasks are in :mod:`betterbench.tasks.suite` or defined by users."""
 
 _FACTS: dict[str, WorldFacts] = {OURS.name: OURS}
 _STORED = TypeAdapter(WorldFacts)

@@ -133,13 +133,13 @@ PROTOCOLS: Mapping[str, FieldProtocol] = {
         ),
     )
 }
-"""The existing protocols by name. Results of different protocols are not comparable."""
+"""Existing protocols by name. Results of different protocols are not comparable."""
 
 OURS = (
     "the random numbers of LIBERO are seeded before each reset, not once per task, so that a trial does not depend on "
     "earlier trials"
 )
-"""Difference between every run of betterbench and all of these protocols."""
+"""Difference between betterbench's runs and all of these protocols."""
 
 
 def suite_named(name: str) -> Suite:

@@ -37,7 +37,7 @@ TITLES: Mapping[str, str] = {
 """The axes as named in the paper."""
 
 MOVING_AXES = ("layout", "robot")
-"""Axes with other motions of objects or the robot than in the base task; the others change only images or language."""
+"""Axes that require different motions than the base task; the others change only images or language."""
 
 NOISES = ("motion blur", "Gaussian blur", "zoom blur", "fog", "glass blur")
 """Kinds of noise: the numbers 1 to 10 of a variant are the first kind in ten strengths, 11 to 20 the second, etc."""
@@ -148,7 +148,7 @@ def axis_of(condition: str | None) -> str | None:
 
 
 def change_in_words(condition: str) -> str:
-    """Return the change made by a LIBERO-Plus condition, in words."""
+    """Return a description of the change in a LIBERO-Plus condition."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":
         kind, strength = divmod(int(detail) - 1, 10)

@@ -1,4 +1,4 @@
-"""Regularities of a LIBERO suite's training tasks: object positions by word, and targets by object.
+"""Regularities of the training tasks in a LIBERO suite: object positions by word, and targets by object.
 
 The regularities are read from the base suite's task files, on which policies are trained. The initial states of
 a task vary by a few centimeters around the positions in its file.
@@ -54,8 +54,8 @@ def word_of_sentence(instruction: str, kind: str) -> str:
 def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
     """Return the regularities of a suite.
 
-    The tasks of a LIBERO suite differ in instruction and in the objects at each position. If all tasks begin with the
-    same object kind, a policy that begins with this kind shows no habit, and no habit is returned.
+    Its tasks differ in instruction and in the objects at each position. If all tasks begin with the same object kind,
+    beginning with it is not a habit, so no habit is returned.
     """
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}

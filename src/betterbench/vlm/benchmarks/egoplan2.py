@@ -57,7 +57,7 @@ def _item(row: Row, identifier: str, count: int) -> Item:
         question=_QUESTION.format(goal=goal),
         gold=Gold(row.letter(4, "golden_choice_idx", "ground_truth")),
         pictures=tuple(f"{identifier}/{i}" for i in range(count)),
-        cluster=identifier.split("_", maxsplit=1)[0],  # the video, as upstream takes it from the identifier
+        cluster=identifier.split("_", maxsplit=1)[0],  # the video, derived from the identifier as upstream
         options=options,
         groups={"domain": row.text("domain"), "scenario": row.text_or("unknown", "scenario")},
         words={"goal": goal},

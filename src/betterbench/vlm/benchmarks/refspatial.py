@@ -22,7 +22,7 @@ from betterbench.vqa.question import Form
 SPLITS = ("location", "placement", "unseen")
 _SCORED = ("location", "placement")
 _MOST_STRETCH = 0.02
-"""Largest relative difference of a mask's ratio of width to height, for masks of another size than their image."""
+"""Maximum relative difference between the aspect ratios of a mask and its image, if their sizes differ."""
 _LAYOUT = (
     "Parquet files location-*, placement-* and unseen-* (the hub's data/ folder)",
     "folders Location, Placement and Unseen with question.json, image/ and mask/",
@@ -78,7 +78,7 @@ def _item(row: Row, split: str, identifier: str, pictures: dict[str, Callable[[]
 
 
 def _require_region(mask: bytes, ratio: float, where: str) -> None:
-    """Raise InvalidInputError if a mask is empty, or its ratio of width to height is not that of its image."""
+    """Raise InvalidInputError if a mask is empty, or its aspect ratio differs from that of its image."""
     region = mask_of(mask, where)
     rows, columns = region.shape
     if not region.any():

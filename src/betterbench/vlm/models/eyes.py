@@ -1,4 +1,4 @@
-"""Resolutions of the images that a model gets, for the paper's ablation with "myopic" eyes (its Table 3).
+"""Image resolutions shown to a model, for the paper's ablation with "myopic" eyes (its Table 3).
 
 The paper's "single 224 x 224 picture" has three possible meanings, which lose different information. In each, the
 image is resized to a square without padding, so fractions of its width and height stay the same:
@@ -48,7 +48,7 @@ _STEPS: dict[Eyes, tuple[int, ...]] = {
     Eyes.BLUR_224: (MYOPIC, TILE),
     Eyes.NATIVE_224: (MYOPIC,),
 }
-"""Sides to which an image is resized, one after the other [pixel]."""
+"""Successive side lengths to which an image is resized [pixel]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Shown:
     detail: tuple[int, int]
 
 
-@functools.lru_cache(maxsize=8)  # several questions are asked about an image, one after the other
+@functools.lru_cache(maxsize=8)  # consecutive questions are often about the same image
 def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
     """Return an image in the resolution of these eyes.
 
@@ -93,9 +93,9 @@ def shown_picture(picture: bytes, eyes: Eyes) -> Shown:
 
 
 def convention_for(eyes: Eyes, convention: Convention) -> Convention:
-    """Return the convention in which a model with these eyes answers.
+    """Return the coordinate convention of a model at this resolution.
 
-    Pixels are those of the shown image, which is a square of a known side. Other conventions stay the same.
+    Pixels refer to the image shown, a square of known side. Other conventions stay the same.
     """
     if eyes is Eyes.NATIVE or convention.side is not None:
         return convention
@@ -120,9 +120,9 @@ def size_in_detail(size: tuple[float, float], picture: tuple[int, int], eyes: Ey
 
 
 def contact_sheet(picture: bytes, eyes: Sequence[Eyes] = tuple(Eyes), *, side: int = TILE) -> bytes:
-    """Return a PNG with an image at each resolution, side by side, with the names of the eyes.
+    """Return a PNG with an image at each resolution, side by side and labeled.
 
-    Below each image is its center, enlarged three times without smoothing, so that the pixels are visible.
+    Below each image is its center, enlarged three times without smoothing to make the pixels visible.
 
     Raises:
         OSError: If the image cannot be decoded.

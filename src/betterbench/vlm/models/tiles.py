@@ -1,4 +1,4 @@
-"""InternVL's division of an image into square tiles, and the number of tokens that it costs.
+"""InternVL's tiling of an image into square tiles, and the resulting number of tokens.
 
 The rule of InternVL's ``dynamic_preprocess`` and of the image processor in transformers (GOT-OCR 2): of all grids with
 at most ``most`` tiles, the one with the nearest aspect ratio is used. Between two grids of the same aspect ratio, the

@@ -1,4 +1,4 @@
-"""Scores of upstream programs, with their faults, for comparison with published numbers.
+"""Upstream scorers, reproduced with their faults for comparison with published numbers.
 
 Each scorer reproduces the behavior of an upstream program at a fixed commit and gives the same number for the same
 texts. The table "Official scoring" in ``docs/vlm.md`` lists the differences from our scores.
@@ -16,6 +16,6 @@ UPSTREAM: dict[str, tuple[UpstreamScorer, ...]] = {
     "refspatial": (REFSPATIAL_ROBOREFER, REFSPATIAL_LMMS_EVAL, REFSPATIAL_EASI),
     "egoplan2": (EGOPLAN2_EVAL, EGOPLAN2_LMMS_EVAL),
 }
-"""Upstream scorers by benchmark, the authors' scorer first if they published one."""
+"""Upstream scorers by benchmark, with the authors' own scorer first if they published one."""
 
 __all__ = ["UPSTREAM", "UpstreamScore", "UpstreamScorer", "upstream_scores"]

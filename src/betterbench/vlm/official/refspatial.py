@@ -20,14 +20,14 @@ _TUPLE = re.compile(rf"\(({_SIGNED}(?:,\s*{_SIGNED})*?)\)")
 _NUMBERED = re.compile(r'x\d+="(-?\d+\.?\d*)"\s+y\d+="(-?\d+\.?\d*)"')
 _FENCED = re.compile(r"```(?:\w+)?\n(.*?)```", re.DOTALL)
 _MOST_DIGITS = 18
-"""Integers beyond 64 bits do not fit into the program's arrays; no image has such a column."""
+"""Bound on integers, since larger ones do not fit into the program's 64-bit arrays and no image has such a column."""
 
 Point = tuple[int | float, int | float]
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """A box that represents all pixels inside: first column and row, and one past the last column and row."""
+    """Box that stands for all pixels inside: first column and row, and one past the last column and row."""
 
     left: int
     top: int
@@ -123,7 +123,7 @@ def fenced_points_of(text: str, width: int, height: int) -> list[Shape]:
 
 
 def share_of(items: ItemSet, item: Item, shapes: Sequence[Shape], *, above: int = 0) -> Fraction:
-    """Return the mean of the mask over all points, where points outside count 0.
+    """Return the mean of the mask over all points, counting points outside as 0.
 
     Mask pixels with values greater than ``above`` are correct.
 

@@ -45,10 +45,7 @@ class Prompt:
     coordinates: Coordinates | None = None
 
     def text(self, item: Item, convention: Convention) -> str:
-        """Return the prompt for an item.
-
-        Words of the item are inserted as they are, without the mark of an image.
-        """
+        """Return the prompt for an item. The item's text is inserted verbatim, without image markers."""
         letters = ((chr(ord("A") + i), option) for i, option in enumerate(item.options))
         options = [_filled(self.option, {"letter": a, "text": _plain(option)}) for a, option in letters]
         frames = [_filled(self.frame, {"number": str(i + 1)}) for i in range(len(item.pictures))]

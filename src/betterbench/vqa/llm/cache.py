@@ -1,4 +1,4 @@
-"""Cache of replies by the content of their requests, shared between runs and processes.
+"""Reply cache, keyed by request content and shared between runs and processes.
 
 Each reply is one sealed JSON file. A file is written under a temporary name and renamed, so that processes may share a
 folder. Files are not flushed to disk: after a power cut, a damaged file is recognized by its seal, and the request is
@@ -36,15 +36,15 @@ class ReplyCache:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Store the folder without creating it; by default, a folder in the user's cache."""
+        """Set the folder, by default in the user's cache, without creating it."""
         self.folder = folder or platformdirs.user_cache_path("betterbench") / "replies"
         self._lock, self._is_off = threading.Lock(), False
 
     def key(self, address: str, body: bytes) -> str:
         """Return the key of a request: the SHA-256 of its address and its complete body.
 
-        The body contains the model, the prompt, the bytes of the images as they are sent, the settings of the sampling
-        and the arguments of the processor, so that two requests with one key cannot have different answers.
+        The body contains the model, the prompt, the bytes of the images as they are sent, the sampling settings and the
+        processor arguments, so that requests with the same key cannot have different answers.
         """
         digest = hashlib.sha256(f"{_FORM}\n{address}\n".encode())
         digest.update(body)

@@ -33,10 +33,10 @@ MAX_REPLY_BYTES = 4 * 1024 * 1024
 _PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
 _BUSY = 429
 _BUSY_TRIES = 10
-"""Least number of tries with a server that limits its requests."""
+"""Minimum number of tries with a rate-limited server."""
 _LONGEST_PAUSE_S = 30.0
 LONGEST_WISH_S = 300.0
-"""Longest pause that a server may ask for with ``Retry-After`` [s]."""
+"""Maximum pause that a server may request with ``Retry-After`` [s]."""
 _SECONDS = re.compile(r"\d{1,9}(?:\.\d{1,9})?")
 
 
@@ -88,8 +88,8 @@ class ChatEndpoint:
             url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
             model: Model name at that address.
             key_variable: Environment variable with the API key, if set.
-            timeout_s: Longest wait for the beginning of an answer and between its parts [s].
-            deadline_s: Longest wait for a whole answer [s], for servers that send it in many small parts.
+            timeout_s: Maximum wait for the beginning of an answer and between its parts [s].
+            deadline_s: Maximum wait for a whole answer [s], for servers that send it in many small parts.
             tries: Number of times that a request is sent after transient failures; at least ten if the server limits
                 its requests (HTTP 429).
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
@@ -135,7 +135,7 @@ class ChatEndpoint:
         return reply
 
     def _asked(self, body: bytes) -> Reply:
-        """Return the reply to a request, which is repeated after transient failures."""
+        """Send a request, with retries after transient failures, and return the reply."""
         failed: list[str] = []
         while True:
             wish = None
@@ -245,7 +245,7 @@ _MEDIA_TYPES = (
     (re.compile(rb"GIF8[79]a"), "image/gif"),
     (re.compile(rb"RIFF....WEBP", re.DOTALL), "image/webp"),
 )
-"""Beginnings of files in the formats that endpoints document, with their media types."""
+"""File signatures of the formats that endpoints document, with their media types."""
 
 
 def user_message(text: str, *images: bytes) -> Message:

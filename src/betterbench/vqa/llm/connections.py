@@ -1,4 +1,4 @@
-"""Connections of one process to an HTTP server, kept open between requests."""
+"""Persistent connections of one process to an HTTP server."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ class Connections:
                 connection.close()
 
     def stop(self) -> None:
-        """Let all requests fail soon, also those that wait for a retry; the next :meth:`kept` allows requests again."""
+        """Make all requests fail soon, including those waiting for a retry.
+
+        The next :meth:`kept` allows requests again.
+        """
         self._stopped.set()
         with self._lock:
             busy = list(self._busy)

@@ -1,4 +1,4 @@
-"""Parsing of a model's answers, one file per form of answer, in stages.
+"""Parsing of a model's answers in stages, with one file per answer form.
 
 - ``strict``: the text is only the answer, in the requested form.
 - ``tolerant``: the text also contains other words, or the answer has another written form.

@@ -13,7 +13,7 @@ Stage = Literal["strict", "tolerant", "extractor", "none"]
 """Stage that produced a value."""
 
 LONGEST = 20_000
-"""Number of characters at the end of a text that are read. Answers come last, after the reasoning."""
+"""Number of characters read from the end of a text, because answers follow the reasoning."""
 
 _THINKING = re.compile(r"<(/?)(?:think|thinking|thought|reasoning)>", re.IGNORECASE)
 

@@ -56,7 +56,7 @@ def read_choice(options: tuple[str, ...], text: str) -> Read:
 
 
 def _strict(letters: dict[str, str], text: str) -> Read | None:
-    """Return the reading of a text that begins with a letter or is an option, or None if it is another text."""
+    """Return the reading of a text that begins with a letter or is an option, or None for any other text."""
     text = text.strip()
     first = re.match(r"\(?([A-Z])\s*(?:[).:]\s*(.*))?$", text, flags=re.DOTALL)
     if first and first[1] in letters:
@@ -64,7 +64,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
         if said in ("", option.lower().rstrip(".")):
             return Read(first[1], "strict")
         if any(said == other.lower().rstrip(".") for other in letters.values()):
-            return NOTHING  # the letter of one option with the words of another
+            return NOTHING  # the letter of one option with the text of another
         return None
     plain = text.rstrip(".").lower()
     same = [letter for letter, option in letters.items() if plain == option.lower().rstrip(".")]
@@ -90,7 +90,7 @@ def _wrapped(text: str) -> list[str]:
 
 
 def _claimed(letters: dict[str, str], text: str) -> str | None:
-    """Return the letter that a sentence claims, else its only letter, else the letter of the only option it quotes."""
+    """Return the letter claimed by a sentence, or else its only letter, or else that of the only option it quotes."""
     claims = [
         m
         for m in _CLAIMED.finditer(text)

@@ -1,7 +1,7 @@
-"""Boxes and points in every written form, in the declared order and scale.
+"""Parsing of boxes and points in any notation.
 
-The convention determines order and scale. Another written form, such as a list instead of the declared JSON, is read as
-"tolerant" and never changes the order or the scale.
+The declared convention determines order and scale. Another written form, such as a list instead of the declared JSON,
+is read as "tolerant" and never changes the order or the scale.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
     if _BARE.fullmatch(bare) or _GROUP.fullmatch(bare) or _LIST.fullmatch(bare):
         groups = [_split(m) for m in (_GROUP.findall(bare) or [bare])]
         fitting = _fitting(spec, groups)
-        # One point in a list of one is the point; several points are no single point.
+        # A list of one point is that point; several points are not a single point.
         if len(fitting) == len(groups) and (spec.form is Form.POINTS or len(groups) == 1):
             return fitting, "tuples"
         return [], ""

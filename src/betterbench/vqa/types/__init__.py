@@ -1,4 +1,4 @@
-"""Question types, one file each: generators that make questions from a moment, with answers proven by the state."""
+"""Question types, one file each: generators of questions about a moment, with answers proven by the state."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _can_be_done(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield the question whether all objects of the instruction are present."""
+    """Yield the question of whether all objects of the instruction are present."""
     goals, trace = moment.condition.instruction.subgoals, moment.episode.trace
     names = [trace.info.objects[i].name for meant in trace.meant for i in meant]
     targets = [trace.info.objects[i].name for i in trace.targets]

@@ -14,14 +14,14 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
-"""Opening, as a fraction of the maximum, from which the empty gripper is open and up to which it is closed; people
+"""Minimum opening of an open and maximum opening of a closed empty gripper, as fractions of the maximum; people
 disagree about values in between.
 """
 FALLEN_RAD = 1.0
 """Minimum tilt of a fallen object, about 60 degrees; leaning objects are excluded."""
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Minimum ratio of height to width for which standing and lying look different."""
+"""Minimum ratio of height to width at which standing and lying look different."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:

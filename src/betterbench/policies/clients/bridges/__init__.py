@@ -1,1 +1,1 @@
-"""Small servers to copy to the machine with the GPU. Each is one file that does not depend on this package."""
+"""Small servers to copy to the GPU machine. Each is a single file without dependencies on this package."""

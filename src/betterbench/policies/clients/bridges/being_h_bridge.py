@@ -1,4 +1,4 @@
-"""Bridge that serves a policy object with openpi's websocket protocol: one file to copy to the policy's folder.
+"""Bridge that serves a policy object over openpi's websocket protocol, in one file to copy to the policy's folder.
 
 It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict) -> dict``
 like Being-H's. Write a file that makes the policy::
@@ -97,7 +97,7 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Handler for requests from all connections, which the policy answers one at a time."""
+    """Request handler for all connections; the policy answers one request at a time."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
         """Prepare the bridge; ``inference_delay`` is the number of control steps that one answer takes."""
@@ -169,7 +169,7 @@ class Bridge:
 
 
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
-    """Return the entries of a request for real-time chunking, or an empty dict if the old chunk is used up.
+    """Return the request entries for real-time chunking, or an empty dict if the old chunk is used up.
 
     The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first rows of its new chunk. The old chunk, (...,
     horizon, dim), is therefore shifted by the steps that have passed and padded with its last row, which the policy

@@ -1,4 +1,4 @@
-"""The checks of the asset certificate, one topic per file; importing a file registers its checks.
+"""Checks of the asset certificate, one topic per file; importing a file registers its checks.
 
 The order of the imports is the order of the results: cheap checks of the description first, simulations last.
 """

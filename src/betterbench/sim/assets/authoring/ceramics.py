@@ -14,7 +14,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
     "round foot": (0.80, 0.98, 1.0),
     "step": (0.93, 0.93, 1.0),
 }
-"""Forms of a mug: relative radius at the foot, at one third and at two thirds of the height."""
+"""Mug shapes: relative radius at the foot, at one third and at two thirds of the height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
 """Names of mug decorations."""

@@ -70,7 +70,7 @@ def part(
     shininess: float = 0.3,
     opacity: float = 1.0,
 ) -> VisualPart:
-    """Return a visual part: a mesh in one color, or with a texture at the texture coordinates of the mesh.
+    """Return a visual part: a mesh in one color, or with a texture mapped by the mesh's texture coordinates.
 
     A ``view`` projects the texture onto the mesh instead: it gives the directions of its columns and rows
     (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].

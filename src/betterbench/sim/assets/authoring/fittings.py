@@ -1,4 +1,4 @@
-"""Fittings of appliances: instruments, control panels, grilles, outlets, tubes and marks, each with its texture."""
+"""Appliance fittings: instruments, control panels, grilles, outlets, tubes and marks, each with its texture."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Object materials: friction and density of each, with sources for the numbers.
+"""Materials of objects, with their friction and density and the sources of the numbers.
 
 A friction coefficient belongs to a pair of surfaces, but MuJoCo uses the larger of two numbers, one per surface. The
 coefficient of a material here is for contact with itself or with a painted or laminated table top. The table's

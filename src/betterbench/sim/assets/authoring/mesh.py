@@ -1,4 +1,4 @@
-"""Triangle meshes from rings, the construction of every procedural shape.
+"""Triangle meshes lofted from rings, from which every procedural shape is constructed.
 
 A loft connects rings of points by strips of triangles. A lathe, a beveled box, a swept tube and a takeaway box are all
 lofts. Vertices are shared on round surfaces and duplicated at edges, so a renderer that averages normals over shared
@@ -19,7 +19,7 @@ FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 """The same for the top of an object seen from +x."""
 
-# Vertices that agree to this many decimals [m] are the same point; this also makes the last bits of a sine irrelevant.
+# Vertices that agree to this many decimals [m] are the same point, so that the last bits of a sine do not matter.
 _DECIMALS = 7
 
 
@@ -42,7 +42,7 @@ class Mesh:
         return Mesh(self.vertices + np.array([x, y, z]), self.faces, self.uv)
 
     def scaled_across(self, factor: np.ndarray) -> Mesh:
-        """Return the mesh with x and y of each vertex multiplied by ``factor`` (n,)."""
+        """Return the mesh with the x and y of each vertex multiplied by ``factor`` (n,)."""
         return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
 
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
@@ -122,7 +122,7 @@ def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
 
 
 def _last_joined(mesh: Mesh, limit: float) -> np.ndarray:
-    """Return (3 m,) for each corner the last corner at the same vertex that is connected by smooth edges.
+    """Return the last corner at the same vertex connected to each corner by smooth edges, shape (3 m,).
 
     An edge is smooth if the cosine between its faces is above ``limit``.
     """

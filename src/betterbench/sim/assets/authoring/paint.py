@@ -19,7 +19,7 @@ _unpainted: ContextVar[bool] = ContextVar("unpainted", default=False)
 
 @contextmanager
 def unpainted() -> Iterator[None]:
-    """Draw canvases of one pixel inside the context: the same random numbers are drawn, at a tenth of the time."""
+    """Draw one-pixel canvases inside the context, with the same random draws but in a tenth of the time."""
     token = _unpainted.set(True)
     try:
         yield
@@ -64,7 +64,7 @@ class Canvas:
         return np.broadcast_to(wanted[:, None], self.x.shape)
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
-        """Blend a color in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
+        """Blend in a color where ``mask`` (boolean, or a weight in [0, 1]) is set."""
         if mask.dtype != np.bool_:
             window = (_run(mask.max(axis=1)), _run(mask.max(axis=0)))
             self._blend(window, mask[window] * strength, color)
@@ -77,7 +77,7 @@ class Canvas:
             image[inside] = image[inside] * (1.0 - strength) + np.asarray(color) * strength
 
     def paint_rectangle(self, rows: np.ndarray, columns: np.ndarray, weight: np.ndarray, color: Rgb) -> None:
-        """Blend a color in where masks of the rows (height,) and the columns (width,) are set.
+        """Blend in a color where both the row mask (height,) and the column mask (width,) are set.
 
         ``weight`` is (width,) in [0, 1]. Hundreds of small marks are painted without masks of the whole canvas.
         """
@@ -135,7 +135,7 @@ class Canvas:
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
-        """Multiply by smooth noise with mean 1, a given standard deviation and a number of cells across and up."""
+        """Multiply by smooth noise with mean 1, a standard deviation, and numbers of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
         u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
@@ -253,5 +253,5 @@ def mixed(a: Rgb, b: Rgb, fraction: float) -> Rgb:
 
 
 def jittered(color: Rgb, rng: np.random.Generator, *, amount: float = 0.08) -> Rgb:
-    """Return a slightly lighter or darker shade of a color; its hue stays."""
+    """Return a slightly lighter or darker shade of a color with the same hue."""
     return shaded(color, 1.0 + float(rng.uniform(-amount, amount)))

@@ -1,4 +1,4 @@
-"""The registry of generators: a category is one decorated function, and all other data are derived from it."""
+"""Registry of generators: a category is one decorated function, from which all other data are derived."""
 
 import functools
 import hashlib
@@ -39,7 +39,7 @@ _folders_read: set[str] = set()
 
 
 def read_folders_with(reader: Callable[[TaskFile], None]) -> None:
-    """Set the function that registers the assets of each loaded folder from its manifest."""
+    """Set the function that registers a loaded folder's assets from its manifest."""
     _FOLDER_READERS.append(reader)
 
 
@@ -82,7 +82,7 @@ def generator(
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
         known = _REGISTER.get(category)
-        # A reloaded file may register its own function again.
+        # a reloaded file may register its own function again
         if known is not None and _origin(known.make) != _origin(make):
             both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
             raise InvalidInputError(f"asset category {category!r}", both, "Rename one of them")
@@ -186,9 +186,10 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
 
 
 def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -> Asset:
-    """Make an asset without textures, for measures: shape, mass, grasps and regions are those of :func:`build`.
+    """Make an asset without textures, for measurements.
 
-    It takes about a third of the time. The asset must not be put into a scene.
+    Shape, mass, grasps and regions are those of :func:`build`, in about a third of the time. The asset must not be put
+    into a scene.
 
     Raises:
         UnknownNameError: If the category or the color is not known.
@@ -215,7 +216,7 @@ _moved_regions: dict[str, Mapping[str, Region]] = {}
 
 @contextmanager
 def moved_regions(moved: Mapping[str, Mapping[str, Region]]) -> Iterator[None]:
-    """Build assets with some regions moved, inside the context: regions by their name, by category."""
+    """Move some regions of assets built inside the context; the regions are given by category and name."""
     before = dict(_moved_regions)
     _moved_regions.update(moved)
     try:
@@ -250,7 +251,7 @@ def _build_unpainted(category: str, look: int, color: str) -> Asset:
 
 
 def _forget_built() -> None:
-    """Forget all built assets, of which a generator may have changed."""
+    """Clear the cache of built assets, because a generator may have changed."""
     _build.cache_clear()
     _build_unpainted.cache_clear()
 

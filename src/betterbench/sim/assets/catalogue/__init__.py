@@ -1,4 +1,4 @@
-"""The catalogue of assets: rows over several sources, searched by words, meaning and filters.
+"""Asset catalogue: rows from several sources, searched by words, meaning and filters.
 
 - ``entry``: the row, and the names of licenses.
 - ``sources``: the procedural library, folders of mesh files, Objaverse; one file each.

@@ -1,4 +1,4 @@
-"""Pictures of mesh files, drawn from points on their surface without a simulator or a graphics library.
+"""Pictures of mesh files, drawn from surface points without a simulator or graphics library.
 
 The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
 """
@@ -17,9 +17,9 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
 MAX_BYTES = 64 << 20
-"""Largest mesh file that is drawn, and largest file that it may reference [byte]."""
+"""Maximum size of a mesh file to draw, and of a file that it references [byte]."""
 MAX_FACES = 400_000
-"""Largest number of triangles that are drawn."""
+"""Maximum number of triangles that are drawn."""
 _POINTS = 400_000
 _GROUND = np.array([0.80, 0.76, 0.70])
 _GRAY = np.array([0.62, 0.62, 0.64])
@@ -28,7 +28,7 @@ _LIGHT = np.array([0.45, -0.35, 0.82])
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
-    """Resolver of the files that a mesh references, restricted to the folder of the mesh and its subfolders."""
+    """Resolver for the files referenced by a mesh, restricted to the mesh's folder and its subfolders."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()

@@ -26,7 +26,7 @@ _BEFORE_THE_VERB = """
 anything everything he how i it nothing one she something that they thing things this we what which who you
 """
 _ASKS = frozenset(_BEFORE_THE_VERB.split())
-"""Words before or, with "be", after "can" that make it a verb: "that can hold", "what can I use"."""
+"""Words before "can" or, with "be", after it that make it a verb: "that can hold", "what can I use"."""
 _ENDS_THE_HEAD = "of with for in on without that to from which used made holding containing like"
 AFTER_THE_HEAD = frozenset(_ENDS_THE_HEAD.split())
 """Words that follow the head noun of a description: "with" after "mug" in "a blue mug with a handle"."""
@@ -109,7 +109,7 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
 
 
 def understood(text: str, *, expander: Expander | None = None) -> Query:
-    """Return a query with its concepts; an expander adds further readings."""
+    """Return a query with its concepts; an expander can add further readings."""
     words = _without_verb(terms(text))
     known = word_list()
     head = _head(words)
@@ -140,7 +140,7 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
-    """Return words without the verb "can": the noun stays in "a trash can"."""
+    """Return words without the verb "can"; the noun, as in "a trash can", is kept."""
     kept = []
     for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
         if word != "can" or (before not in _ASKS and after not in _ASKS | {"be"}):
@@ -149,7 +149,7 @@ def _without_verb(words: Sequence[str]) -> list[str]:
 
 
 def _head_part(text: str) -> str:
-    """Return the text before the first use or attribute of the object; "of" begins none ("a slice of cheese")."""
+    """Return the text up to the object's first use or attribute; "of" does not start one ("a slice of cheese")."""
     words = text.split()
     named = False
     for place, word in enumerate(words):

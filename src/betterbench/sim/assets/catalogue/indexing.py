@@ -1,4 +1,4 @@
-"""The indexing job, which writes source rows and text vectors. A killed job resumes where it stopped."""
+"""Indexing job, which writes source rows and text vectors. A killed job resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ JOURNAL = "encoded.bin"
 _BATCH = 256
 """Number of rows written, and of texts encoded, in one batch."""
 MOST_NAMED = 20
-"""Largest number of skipped assets that are listed by name; all are counted."""
+"""Maximum number of skipped assets listed by name; all are counted."""
 
 
 class OnProgress(Protocol):
     """Callback for the progress of the job."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Receive a stage's name, the number done and the total (0 if unknown)."""
+        """Report the name of a stage, the number done and the total (0 if unknown)."""
 
 
 @dataclass(slots=True)
@@ -299,7 +299,7 @@ def _seal(folder: Path, store: Store, known: _Vectors, encoder: TextEncoder) -> 
 
 
 def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Sequence[int]) -> None:
-    """Write the kinds of all rows, and the vectors of their texts, which are computed if they are not known."""
+    """Write the kinds of all rows and the vectors of their texts, computing missing ones."""
     listed = listed_kinds()
     texts = [(kind, text) for kind in sorted(set(rows) - {-1}) for text in listed[kind].texts]
     digests = [text_digest(text) for _, text in texts]

@@ -21,7 +21,7 @@ from betterbench.sim.assets.catalogue.vectors import text_digest
 HEAD_SHARE = 0.2
 """Weight of the head of a query in the similarity to a kind; the rest is the weight of the whole query."""
 WORDS_SHARE = 0.2
-"""Weight of the words that a query shares with the texts of a kind, beside the mean cosine."""
+"""Weight of the words that a query shares with the texts of a kind, in addition to the mean cosine."""
 _COUNTED = 2
 """Number of nearest texts of a kind in the mean cosine, which worked better than the largest cosine."""
 _ENDING, _LONG = re.compile(r"(ing|ed|er|e|y)$"), 4
@@ -102,7 +102,7 @@ class KindIndex:
         return found
 
     def _shared(self, words: Sequence[str]) -> np.ndarray:
-        """Return the share of a query's words that the texts of each kind contain, (kinds,), rare words weigh more."""
+        """Return the share of a query's words in the texts of each kind, (kinds,), with more weight on rare words."""
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
         return np.array([sum(rarity[stem] for stem in rarity if stem in own) / total for own in self._words])
@@ -127,7 +127,7 @@ class KindIndex:
 
 
 def _stems_of(kinds: np.ndarray, table: np.ndarray) -> list[frozenset[str]]:
-    """Return the stems of the words of each kind, from the texts of the list that the table has the vectors of."""
+    """Return the word stems of each kind, from the list's texts whose vectors are in the table."""
     known = {text_digest(text): text for kind in listed_kinds() for text in kind.texts}
     texts = [known.get(digest.tobytes(), "") for digest in table["digest"]]
     words = {int(kind): set[str]() for kind in kinds}

@@ -51,7 +51,7 @@ def listed_kinds() -> tuple[Kind, ...]:
 
 @functools.cache
 def _numbers() -> dict[tuple[str, ...], int]:
-    """Return the number of the kind for each name, as terms; the first kind with a name has it."""
+    """Return the number of the kind for each name, as terms; a name belongs to the first kind that has it."""
     found: dict[tuple[str, ...], int] = {}
     for number, kind in enumerate(listed_kinds()):
         for name in kind.names:
@@ -76,7 +76,7 @@ def kind_of(entry: CatalogueEntry) -> int:
 
 
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:
-    """Yield for each name of a kind: is in the head, is not only a color, length, end, and the number of the kind."""
+    """Yield, for each name of a kind, a sort key (in the head, not only a color, length, end) and the kind's number."""
     head = next((at for at, word in enumerate(words) if at and word in AFTER_THE_HEAD), len(words))
     known, longest = _numbers(), _longest()
     for start in range(len(words)):

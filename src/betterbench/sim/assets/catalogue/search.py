@@ -27,15 +27,16 @@ LONGEST_QUERY = 1_000
 DEPTH = 60
 """Number of rows that each search passes to the fusion."""
 _RANK = 8.0
-"""Constant of the reciprocal rank (constant + 1) / (constant + rank) of a row by words."""
+"""Constant of the reciprocal rank of a row by words, (constant + 1) / (constant + rank)."""
 _BEST_KINDS = 3
 """Number of most similar kinds whose rows are searched."""
 _KIND_SHARE, _OWN_SHARE, _WORDS_SHARE = 1.0, 0.1, 0.15
 """Weights of the similarity to the kind, of the cosine with the row's own text, and of the words."""
 _UNRELATED = 0.2
-"""Weighted sum of a row that is unrelated to the query, which gives the score 0."""
+"""Weighted sum of a row unrelated to the query, which corresponds to the score 0."""
 _COSTLY = 5_000
-"""Limit of matching rows for ranking; beyond it, frequent words are only counted in the rows that rarer words match."""
+"""Maximum number of matching rows to rank; beyond it, frequent words are only counted in rows that match rarer
+words."""
 _FETCHED = 200
 """Number of rows whose words are compared with the query."""
 _PARTIAL = 2
@@ -51,7 +52,7 @@ class Filters:
     Attributes:
         license: "free" for licenses that allow commercial use and changes, "any" for all.
         source: Source name, empty for all.
-        max_faces: Largest number of triangles; assets with an unknown number do not pass.
+        max_faces: Maximum number of triangles; assets with an unknown number do not pass.
         max_size_m: Largest extent [m]; assets without a size do not pass.
         min_size_m: Smallest value of the largest extent [m]; assets without a size do not pass.
     """
@@ -200,7 +201,7 @@ class Catalogue:
 
         Args:
             query: Description in plain words.
-            limit: Largest number of assets to return.
+            limit: Maximum number of assets to return.
             filters: Filters of the search; None for free licenses only.
             expander: Adds other descriptions, for example from a language model.
             words: Whether words are searched.
@@ -266,7 +267,7 @@ class Catalogue:
     # ------------------------------------------------------------------------------------------------------ meaning
 
     def _by_meaning(self, query: Query, filters: Filters, depth: int, also: Mapping[int, float]) -> dict[int, _Near]:
-        """Return rows with their nearness in meaning: the nearest, those of the best kinds, and other given rows.
+        """Return rows with their similarity in meaning: the nearest rows, rows of the best kinds, and other given rows.
 
         Args:
             query: The query.
@@ -290,7 +291,7 @@ class Catalogue:
         places = np.unique(np.concatenate(found).astype(np.int64))
         cosines = index.cosines(readings, places)
         own = kinds.rows[places]
-        # The name of an object is like a short description: a row without a kind is compared by its own text.
+        # the name of an object is like a short description, so a row without a kind is compared by its own text
         shares = np.array([also.get(row, 0.0) for row in index.columns.rows[places].tolist()])
         near = cosines + WORDS_SHARE * shares
         if len(likeness):
@@ -317,7 +318,7 @@ class Catalogue:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """Nearness of a row to a query: similarity of its kind, in [-1, 1.2], and cosine of its own text."""
+    """Similarity of a row to a query: that of its kind, in [-1, 1.2], and the cosine of its own text."""
 
     kind: float
     cosine: float
@@ -424,7 +425,7 @@ def _word_score(concepts: Sequence[_Weighed], fields: Sequence[str]) -> tuple[fl
         for phrase, weight, rarity in concept.phrases:
             for share, own in zip(_FIELDS, sets, strict=True):
                 if own.issuperset(phrase):
-                    # A name with few other words is the object itself: "apple" before "apple pie".
+                    # a name with few other words is more likely the object itself: "apple" before "apple pie"
                     focus = 1.0 if share < 1.0 else 0.7 + 0.3 * len(phrase) / length
                     best = max(best, weight * share * rarity * focus)
                     present = max(present, weight)

@@ -1,4 +1,4 @@
-"""File of a catalogue: rows and their words in SQLite."""
+"""Catalogue file: rows and their words in SQLite."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 
 FILE = "catalogue.sqlite"
 VERSION = 3
-"""Version of the tables; a catalogue of another version must be indexed again."""
+"""Version of the tables; catalogues of other versions must be indexed again."""
 _APPLICATION = 0x62657474
 """Application id for a catalogue's SQLite files: "bett"."""
 
@@ -44,7 +44,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class WordMatch:
-    """A row that matches words, with its columns for filters.
+    """Row that matches words, with its filter columns.
 
     Attributes:
         row: Row number.
@@ -131,7 +131,7 @@ class Store:
     # -------------------------------------------------------------------------------------------------------- facts
 
     def fact(self, key: str) -> str:
-        """Return a fact about the catalogue, empty if it is not stored."""
+        """Return a stored fact about the catalogue, or an empty text."""
         with self.checked():
             found = self._database.execute("SELECT value FROM facts WHERE key = ?", (key,)).fetchone()
         return "" if found is None else str(found[0])

@@ -35,7 +35,7 @@ _IRREGULAR = {
 _KEEP = re.compile(r"(ss|us|is|as|ios)$")
 _WORD = re.compile(r"[^\W_]+")
 LONGEST_TERM = 40
-"""Largest length of a term [characters]; longer words are ignored."""
+"""Maximum length of a term [characters]; longer words are ignored."""
 
 
 def terms(text: str) -> list[str]:

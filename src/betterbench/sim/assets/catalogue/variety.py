@@ -1,4 +1,4 @@
-"""Several assets for one description, which differ in shape and color."""
+"""Selection of several assets for one description that differ in shape and color."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from betterbench.sim.assets.catalogue.search import Catalogue, Filters, Hit
 from betterbench.sim.assets.catalogue.terms import terms
 
 MOST = 100
-"""Largest number of assets for one description."""
+"""Maximum number of assets for one description."""
 _SEARCHED = 60
 _NEAR = 0.35
-"""Smallest score, relative to the best score, of an asset with another name for the same description."""
+"""Minimum score, relative to the best one, of an asset with a different name for the same description."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def choose_different(
     if len(left) < count:
         problem = f"{len(left)} assets of the catalogue fit {description!r}, and {count} are requested"
         raise InvalidInputError("num", problem, "Ask for fewer, admit more with --license any, or index more sources")
-    # A hash of the seed decides between equal assets, so that another seed gives another choice.
+    # a hash of the seed breaks ties, so that different seeds give different choices
     draw = {one.id: hashlib.sha256(f"{seed} {one.id}".encode()).digest() for one in left}
     chosen: list[Chosen] = []
     while len(chosen) < count:

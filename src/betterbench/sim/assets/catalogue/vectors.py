@@ -1,4 +1,4 @@
-"""Vectors of a catalogue, with one byte per component, in memory-mapped files.
+"""Catalogue vectors with one byte per component, in memory-mapped files.
 
 Each row has a vector (int8 components with a scale), a sketch (one bit per component), and the columns for filters. A
 search first compares sketches, and then the vectors of the best rows.
@@ -19,7 +19,7 @@ from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 
 EXACT_ROWS = 20_000
-"""Largest number of rows for which a search compares every vector."""
+"""Maximum number of rows for which a search compares every vector."""
 RERANKED = 2_000
 """Number of rows whose vectors are compared after the sketches of all rows."""
 RERANKED_AMONG = 500
@@ -53,7 +53,7 @@ class Columns:
 
 
 def text_digest(text: str) -> bytes:
-    """Return the digest by which the vector of a text is found, 16 bytes."""
+    """Return the 16-byte digest under which the vector of a text is stored."""
     return hashlib.sha256(text.encode("utf-8", "replace")).digest()[:16]
 
 
@@ -178,7 +178,7 @@ class VectorIndex:
         Args:
             queries: Vectors (m, dimension) float32.
             allowed: Rows that pass a filter, (n,) bool; None for all.
-            limit: Largest number of rows to return.
+            limit: Maximum number of rows to return.
             among: Indices of the rows to search, ascending; None for all.
             exact: Compare every vector, for any number of rows.
         """

@@ -1,4 +1,4 @@
-"""Folders of imported assets: a readable manifest, and one file for each asset.
+"""Folders of imported assets, with a readable manifest and one file per asset.
 
 ``better assets import`` writes such a folder, and ``--asset-dir`` registers its assets. A folder may come from an
 untrusted source: none of its content is executed, and all files are checked when they are read.

@@ -128,7 +128,7 @@ def _imported(request: ImportRequest) -> _Result:
         require_license(where, request.wishes.license, any_license=request.any_license, option=LICENSE_OPTIONS)
         return _Result(request, import_bytes(request.path, request.wishes))
     except StorageError:
-        raise  # of the cache: every other file would fail too
+        raise  # an error of the cache, so every other file would fail too
     except (BetterError, OSError) as error:
         return _Result(request, None, one_line(error, most=400))
 

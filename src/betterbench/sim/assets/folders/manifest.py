@@ -30,7 +30,7 @@ _Positive = Annotated[float, Field(gt=0.0)]
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FolderAsset:
-    """One asset of a folder, as its manifest lists it.
+    """Entry of a folder's manifest for one asset.
 
     Attributes:
         file: File name in the folder.
@@ -66,7 +66,7 @@ class FolderAsset:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """The list of a folder's assets, by their names in tasks."""
+    """Manifest of a folder: its assets, by their names in tasks."""
 
     format: int
     assets: dict[str, FolderAsset]

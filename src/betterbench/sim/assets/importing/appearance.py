@@ -1,4 +1,4 @@
-"""Visual mesh of an imported object: few triangles, and one texture painted from the textures of the file."""
+"""Visual mesh of an imported object, with few triangles and one texture baked from the file's textures."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from betterbench.sim.assets.importing.raw import RawMesh, RawPart
 from betterbench.sim.assets.importing.solid import spread
 
 FACE_BUDGET = 600
-"""Largest number of triangles of an asset; each triangle costs time in software rendering."""
+"""Maximum number of triangles per asset, because each costs time in software rendering."""
 THIN_FACE_BUDGET = 1_200
-"""Largest number of triangles of an asset with thin walls, which 600 triangles would dent."""
+"""Maximum number of triangles of a thin-walled asset, which would be dented with only 600."""
 DENT_SHARE = 0.006
 """Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
 Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most
@@ -94,7 +94,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
     picture = np.zeros((ATLAS, ATLAS, 3))
     picture[tuple(where.T)] = colors[nearest].mean(axis=1)
     pixels = np.ascontiguousarray(np.clip(np.rint(picture * 255.0), 0, 255).astype(np.uint8))
-    # Every corner of a triangle has its own place in the picture; the positions are shared, for smooth shading.
+    # Every corner of a triangle has its own texture coordinate; positions are shared, for smooth shading.
     corners = np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
     texture = Texture(pixels, uv.astype(np.float32), corners)
     alpha = min((part.rgba[3] for part in mesh.parts), default=1.0)

@@ -1,4 +1,4 @@
-"""Opening of a hollow object and level surfaces, found by pouring water on it from above."""
+"""Detection of a hollow and of level surfaces, by simulated flooding from above."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def cavity_of(solid: Solid) -> Cavity | None:
 
 
 def _without_gaps(tops: np.ndarray, pitch_m: float) -> np.ndarray:
-    """Return heights in which the gaps of a grid have the height of its bars: objects stay in a wire basket."""
+    """Return heights with the gaps of a grid filled to the height of its bars, because a wire basket holds objects."""
     footprint = np.isfinite(tops)
     gaps = ndimage.binary_fill_holes(footprint) & ~footprint
     labels, count = ndimage.label(gaps)

@@ -1,4 +1,4 @@
-"""Import of an untrusted file in a separate process with limits on memory and time, and a cache of results.
+"""Import of an untrusted file in a separate process with memory and time limits, and a cache of the results.
 
 A malicious file can crash or hang the readers of meshes and images and the convex decomposition (all C++).
 """
@@ -25,14 +25,14 @@ from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderRes
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
 VERSION = 6
-"""Version of the importer; incremented when the same file gives another asset."""
+"""Version of the importer, incremented when the same file gives a different asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0
 """Limit of the wall-clock time of an import [s], well above the limit of CPU time for busy machines."""
 
 _MAIN = "betterbench.sim.asset_checks.tried_grasps:import_for_parent"
-"""Main function of the child. The child tries grasps in the simulator, which packages of assets may not import."""
+"""Main function of the child, which tries grasps in the simulator; asset packages may not import the simulator."""
 MOST_STORED_BYTES = 64 << 20
 """Largest file of an imported object."""
 _MOST_NOTE_BYTES = 1 << 20

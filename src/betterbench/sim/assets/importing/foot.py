@@ -1,4 +1,4 @@
-"""A small flat foot under objects that would roll, like the foot of the library's fruit."""
+"""Small flat foot for objects that would roll, like that of the library's fruit."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from betterbench.sim.assets.importing.measures import depth_in_hull
 
 _LEANS = tuple(math.radians(lean) for lean in (3.0, 6.0, 9.0, 12.0))
-"""Tilts from which an object must return to upright. Scans of fruit stand on a face of a few millimeters and roll onto
-another face while a scene settles; a task that requires them upright (within 5 degrees) then cannot begin."""
+"""Tilts from which an object must return to an upright pose. Scans of fruit stand on a face of a few millimeters and
+roll onto another face while a scene settles; a task that requires them upright (within 5 degrees) then cannot begin."""
 _LEAST_LEVER = 0.02
-"""Least horizontal distance from the center of mass to the point of contact at a lean, on the side to which the object
-leans, relative to the height of the center of mass. It is 0 for a sphere."""
+"""Minimum horizontal distance from the center of mass to the point of contact at a lean, on the side to which the
+object leans, relative to the height of the center of mass. It is 0 for a sphere."""
 _WIDTH = math.tan(math.radians(16.0))
 """Half a side of a foot, relative to the height of the center of mass: the lean from which the object returns."""
 _HEIGHT_M = 0.006

@@ -20,17 +20,17 @@ FINGER_M = 0.013
 """Free space that a finger needs next to the object [m]."""
 LEAST_WIDTH_M, MOST_WIDTH_M = 0.004, 0.076
 DEEPEST_M = 0.045
-"""Largest height of the object above the middle of the pads [m], limited by the underside of the gripper."""
+"""Maximum height of the object above the center of the pads [m], limited by the underside of the gripper."""
 LOWEST_M = 0.010
-"""Least height of the middle of the pads above the table [m]."""
+"""Minimum height of the pad centers above the table [m]."""
 
 _STEP_M = 0.002
 _YAWS = 12
 _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
-"""Least height of the contact of a pad, on objects that are taller than the second number [m]."""
+"""Minimum height of the contact of a pad, on objects that are taller than the second number [m]."""
 _STEEPEST = math.tan(math.radians(35.0))
-"""Sides may lean this far inward [tangent]: the friction cone of the pads has 50 degrees, and cells are coarse."""
+"""Maximum inward slope of the sides [tangent]; the friction cone of the pads has 50 degrees, and cells are coarse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def proposals(solid: Solid, center_of_mass: np.ndarray, *, count: int = 8) -> li
     Args:
         solid: The object in its upright pose.
         center_of_mass: (3,) [m].
-        count: Largest number of grasps, which differ in place, direction or height.
+        count: Maximum number of grasps, which differ in place, direction or height.
     """
     centers = solid.centers(solid.cells)
     top = float(centers[:, 2].max()) + 0.5 * solid.pitch_m

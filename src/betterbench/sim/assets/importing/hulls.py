@@ -20,11 +20,11 @@ SECTORS = 12
 """Sectors of a wall: the chord of a sector is up to 1.4 mm from a circle of 40 mm."""
 MOST_HULLS = 48
 _CORNERS = 40
-"""Largest number of corners of a hull; each corner costs time in MuJoCo's narrow phase."""
+"""Maximum number of vertices of a hull, because each costs time in MuJoCo's narrow phase."""
 _VHACD_HULLS, _VHACD_CELLS, _VHACD_FACES = 20, 60_000, 1_500
 _CLOSE_M, _CLOSE_SHARE, _CLOSE_MIDDLE_SHARE = 0.002, 0.03, 0.06
-"""Distance from the surface up to which one hull is enough: a length [m], or a share of the longest side and of the
-middle side, whichever is smaller. The middle side matters for tools: a fork is 3 cm wide and 28 cm long."""
+"""Distance from the surface up to which a single hull suffices: the smallest of a length [m], a share of the longest
+side, and a share of the middle side. The middle side matters for tools: a fork is 3 cm wide and 28 cm long."""
 _THICK_FLOOR = 0.25
 """Height of the floor of a hollow, as a share of the height of the object, from which the floor may be a base."""
 _MOSTLY_FREE = 0.3
@@ -36,8 +36,8 @@ _CLOSE_RINGS_M, _OUTLINE = 0.004, 25
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0005
-"""Least thickness of a hull [m]: MuJoCo rejects a mesh whose vertices are coplanar, and misses contacts with an almost
-flat mesh."""
+"""Minimum thickness of a hull [m]. MuJoCo rejects meshes with coplanar vertices, and misses contacts with nearly flat
+ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class Fit:
 def convex_hulls(
     solid: Solid, surface: tuple[np.ndarray, np.ndarray], cavity: Cavity | None
 ) -> tuple[list[np.ndarray], Fit]:
-    """Return the corners (n, 3) [m] of convex shapes that approximate the object, and how well they fit.
+    """Return convex shapes that approximate the object, each by its vertices (n, 3) [m], and their fit.
 
     Args:
         solid: Cells of the object and points on its surface.
@@ -168,7 +168,7 @@ def _directions() -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """The part of a hollow object around its hollow, without handles and spouts.
+    """Part of an object that surrounds its hollow, without handles and spouts.
 
     Attributes:
         near: (nx, ny) columns of the hollow and of its wall.
@@ -419,7 +419,7 @@ def _decomposed(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 _MOST_POINTS = 400_000
-"""Largest number of points on hulls; 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
+"""Maximum number of points on hulls; 30 hulls have 300,000, and long narrow triangles of 60 hulls four million."""
 
 
 def surface_points(hulls: Sequence[np.ndarray], spacing: float) -> np.ndarray:
@@ -461,7 +461,7 @@ def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
 
 
 def _distances(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Return the distances (k,) [m] of the points asked for to the nearest of other points, and 0 elsewhere."""
+    """Return the distances (k,) [m] of the selected points to the nearest of other points, and 0 for all others."""
     found = np.zeros(len(points))
     # An unbalanced tree is built in a third of the time and gives the same distances.
     tree = cKDTree(to, balanced_tree=False, compact_nodes=False)

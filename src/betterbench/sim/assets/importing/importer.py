@@ -31,11 +31,11 @@ from betterbench.sim.assets.names import file_words, words_of
 DENSITY = 500.0
 """Assumed density of an object of unknown kind [kg/m^3]: between foam and water."""
 _MOSTLY = 0.5
-"""Share of back-facing surface in an image above which a mesh is inside out rather than open."""
+"""Share of back-facing surface in an image above which a mesh counts as inside out rather than open."""
 _DENSEST = 7000.0
-"""Largest density of an object with its usual mass [kg/m^3]: steel has 7,900, and cells overestimate thin walls."""
+"""Maximum density of an object with its usual mass [kg/m^3]. Steel has 7,900, and cells overestimate thin walls."""
 _LEAST_TOP_M = 0.010
-"""Least half side of a level surface that can carry another object [m]."""
+"""Minimum half side of a level surface that can carry another object [m]."""
 _LIGHTEST_KG, _HEAVIEST_KG = 0.005, 5.0
 _FRICTION = (0.6, 0.006, 0.0008)
 """Friction of glazed ceramic, painted metal and hard plastic; see the materials of the library."""
@@ -60,7 +60,7 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """Options of an import; the importer determines values that are None.
+    """Options of an import; values that are None are determined by the importer.
 
     Attributes:
         name: Name or description that determines the kind; by default, the name of the file.

@@ -1,4 +1,4 @@
-"""Usual size, mass and use of each kind of object, which determine scale, mass and pose of an imported mesh."""
+"""Usual size, mass and use of each kind of object, which determine scale, mass and pose of imported meshes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from importlib import resources
 from betterbench.sim.assets.names import words_of
 
 TALL_SHARE = 0.95
-"""Least height of a standing object of a tall kind as a share of its longest side."""
+"""Minimum height of a standing object of a tall kind as a share of its longest side."""
 FLAT_SHARE = 1.10
 """Largest height of a lying object of a flat kind as a multiple of its smaller horizontal side."""
 
@@ -75,7 +75,7 @@ def _kind(line: str) -> Kind:
 
 
 def kind_of(text: str) -> Kind | None:
-    """Return the kind named in a name or a description, None if there is none.
+    """Return the kind named in a name or description, or None.
 
     The longest matching name wins, and among names of equal length the last, because English puts the noun last.
     """

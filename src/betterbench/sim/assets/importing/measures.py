@@ -17,12 +17,12 @@ from betterbench.sim.assets.importing.hulls import inside_hull, surface_points
 from betterbench.sim.assets.importing.solid import Solid, solid_of, spread
 
 _TURNS = 32
-"""Sides of the prism that replaces a cylinder: its chord is 0.5 % of the radius off the circle."""
+"""Number of sides of the prism that replaces a cylinder; its faces deviate from the circle by 0.5 % of the radius."""
 _RAYS = 48
 """Width of the images used to find back-facing surfaces [pixel]."""
 _VIEWS = 8
 _MOST_POINTS = 12_000
-"""Points of the visible surface whose distance is measured: enough for a percentile."""
+"""Number of points on the visible surface whose distance is measured, enough for a percentile."""
 
 
 @dataclass(frozen=True, slots=True)

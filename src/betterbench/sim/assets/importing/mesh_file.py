@@ -31,7 +31,7 @@ MAX_FILE_BYTES = 256 << 20
 MAX_FACES = 2_000_000
 MAX_IMAGE_PIXELS = 64 << 20
 LARGEST_IMAGE = 1024
-"""Longest side of a stored texture [pixel]; larger textures are scaled down."""
+"""Maximum side of a stored texture [pixel]; larger textures are scaled down."""
 
 FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply": "ply"}
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
@@ -51,7 +51,7 @@ _READABLE_EXTENSIONS = frozenset(
 
 
 class FolderResolver(trimesh.resolvers.Resolver):
-    """Resolver of the files that a file refers to, restricted to the folder of that file.
+    """Resolver for the files referenced by a file, restricted to its folder.
 
     trimesh silently drops a material whose file it cannot read, so the first error is kept in ``problem``.
 
@@ -178,7 +178,7 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
     except BetterError:
         raise
     except Exception as error:
-        # Any error of trimesh or Pillow about a broken file becomes one line for the user.
+        # any error of trimesh or Pillow about a broken file becomes one line for the user
         if files.problem is not None:
             raise files.problem from None
         problem = f"it cannot be read ({type(error).__name__}: {one_line(error, most=200)})"
@@ -255,7 +255,7 @@ def _embedded(data: bytes, form: dict[str, Any], image: dict[str, Any]) -> bytes
 def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene of trimesh
     found: list[RawPart] = []
     faces = 0
-    # The names of the nodes are no order: trimesh draws random ones for the primitives of one mesh.
+    # Node names cannot be used for sorting, because trimesh draws random ones for the primitives of a mesh.
     nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
     for transform, key in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0]).tolist())):
         mesh = scene.geometry[key]

@@ -1,4 +1,4 @@
-"""Reading of MJCF files: the bodies of one object, compiled by MuJoCo, as one rigid body.
+"""Reader of MJCF files: the bodies of one object, compiled by MuJoCo, as one rigid body.
 
 The document is checked first. MuJoCo then gets it without file names: it gets meshes and textures as bytes from the
 resolver. A malicious file can crash or hang MuJoCo's parser and compiler (C++), so an untrusted file is only read in a
@@ -33,13 +33,13 @@ _REFUSED = {
     "replicate": "copies",
     "skin": "a skin",
 }
-"""Elements that a prop does not need; each could use unlimited memory or read further files."""
+"""Elements that a prop does not need and that could use unlimited memory or read further files."""
 
 _GEOM = mujoco.mjtGeom
 _FLAT = (int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_HFIELD))
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _UNCOLORED = np.array([0.5, 0.5, 0.5, 1.0])
-"""Default color of a geom; its material then determines the color."""
+"""Default geom color, which means that the material determines the color."""
 _CURE = "Export the object again, or import its mesh instead"
 
 

@@ -1,4 +1,4 @@
-"""Reading of one object from a file of any known format: a mesh, or the rigid body of a URDF or MJCF file."""
+"""Reader of one object from a file of any supported format: a mesh, or the rigid body of a URDF or MJCF file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Physics stated in a URDF or MJCF file, used if it fits the visual shape."""
+"""Physical properties stated in a URDF or MJCF file, which are used if they fit the visual shape."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.sim.assets.importing.upright import Placed
 from betterbench.statistics.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
-"""Limits of stated masses [kg]; other values are placeholders or do not fit an object on a table."""
+"""Range of plausible stated masses [kg]; other values are placeholders or unsuitable for a tabletop object."""
 _INERTIA_FACTOR = 5.0
 """Largest ratio between a stated principal moment and the moment of the solid; a shell of the same size has up to 3
 times the moment of a solid body."""
@@ -86,7 +86,7 @@ def _is_over_base(center: np.ndarray, placed: Placed) -> bool:
 
 
 def _is_plausible(inertia: np.ndarray, of_solid: np.ndarray) -> bool:
-    """Return whether an inertia is possible for a body of the solid's size."""
+    """Return whether an inertia is physically possible for a body of the solid's size."""
     moments, solid = np.linalg.eigvalsh(inertia), np.linalg.eigvalsh(of_solid)
     # No principal moment exceeds the sum of the other two.
     if moments[0] <= 0.0 or moments[2] > 1.001 * (moments[0] + moments[1]):

@@ -13,7 +13,7 @@ Rgba = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawPart:
-    """One surface in the frame and the unit of its file.
+    """Surface in the frame and unit of its file.
 
     Attributes:
         vertices: (n, 3) float64 positions.

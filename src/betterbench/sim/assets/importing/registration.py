@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import loading_folder
 
 @dataclass(frozen=True, slots=True)
 class MeshImport:
-    """A mesh file that was registered as a category of assets, with the options of its import."""
+    """Mesh file registered as a category of assets, with its import options."""
 
     category: str
     path: Path
@@ -30,7 +30,7 @@ _IMPORTS: dict[str, MeshImport] = {}
 
 
 def mesh_imports() -> tuple[MeshImport, ...]:
-    """Return the registered mesh files, in the order of their registration."""
+    """Return the registered mesh files in order of registration."""
     known = set(categories())
     return tuple(found for found in _IMPORTS.values() if found.category in known)
 
@@ -44,7 +44,7 @@ def imported(
     size_m: float | None = None,
     mass_kg: float | None = None,
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
-    license: str = "unknown",  # noqa: A002 - the word of assets
+    license: str = "unknown",  # noqa: A002 - the term for assets
     source: str | None = None,
     author: str | None = None,
     any_license: bool = False,

@@ -1,4 +1,4 @@
-"""Rigid bodies of URDF and MJCF files: poses, primitive shapes as meshes, and mass of several parts as one."""
+"""Rigid bodies in URDF and MJCF files: poses, primitive shapes as meshes, and combined mass of several parts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import trimesh
 from betterbench.errors import InvalidInputError, one_line
 
 MOST_BODIES = 200
-"""Largest number of links or bodies of an object."""
+"""Maximum number of links or bodies of an object."""
 MOST_SHAPES = 500
-"""Largest number of visual and collision shapes of an object."""
+"""Maximum number of visual and collision shapes of an object."""
 _FARTHEST_M = 1000.0
 _CURE = "Correct the number in the file"
 

@@ -136,7 +136,7 @@ def _arrays(data: bytes) -> dict[str, np.ndarray]:
 
 
 def _check(draft: Draft) -> None:
-    """Raise ValueError if a part does not have the form that the simulator expects; the file may be untrusted."""
+    """Raise ValueError if a part does not have the structure that the simulator expects; the file may be untrusted."""
     visual = [part for part in draft.parts if isinstance(part, VisualPart)]
     hulls = [part for part in draft.parts if isinstance(part, CollisionPart)]
     if not visual or not hulls or len(hulls) > _MOST_HULLS or sum(len(p.faces) for p in visual) > _MOST_FACES:

@@ -18,12 +18,12 @@ from betterbench.sim.assets.importing.solid import GRID, Solid, mass_of_cells, s
 # Usual units of mesh files [m]: meters, decimeters, centimeters, millimeters, inches, feet.
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
 LEAST_M, MOST_M = 0.01, 0.6
-"""Range of the longest side of an object that fits on a table and is visible to a camera [m]."""
+"""Allowed range for the longest side of an object [m], so that it fits on a table and is visible to a camera."""
 
 _TRIAL_GRID = 36
-"""Cells along the longest side when only the orientation is needed."""
+"""Number of cells along the longest side when only the orientation is needed."""
 _LEAST_MARGIN_M = 0.001
-"""Least distance of the center of mass from the edge of the face on which an object stays [m]."""
+"""Minimum distance of the center of mass from the edge of a stable support face [m]."""
 _MOST_TURNS = 6
 _LEAST_TILT, _MOST_TILT = np.radians(2.0), np.radians(20.0)
 
@@ -40,7 +40,7 @@ _TURNS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A mesh in meters, upright, its origin in the middle of the bottom of its bounding box.
+    """Upright mesh in meters, with its origin at the center of the bottom of its bounding box.
 
     Attributes:
         mesh: The mesh.
@@ -87,7 +87,7 @@ def place(
 
 
 def _up_axis(sized: RawMesh, kind: Kind | None, up: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the axis of the file that points up, and a note about it."""
+    """Return the axis of the file that points up, with a note."""
     if up is not None:
         return up, ()
     axis, cavity, notes = _by_rule_or_hollow(sized, kind)

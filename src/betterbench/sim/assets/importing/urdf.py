@@ -1,4 +1,4 @@
-"""Reading of URDF files: the links of one object, merged into one rigid body."""
+"""Reader of URDF files: the links of one object, merged into one rigid body."""
 
 from __future__ import annotations
 
@@ -231,7 +231,10 @@ class _Reader:
 
 
 def _components(parts: list[RawPart]) -> Iterator[np.ndarray]:
-    """Yield the points of each connected part of collision shapes; files hold several convex pieces as one mesh."""
+    """Yield the points of each connected part of collision shapes.
+
+    Files may store several convex pieces as one mesh.
+    """
     for part in parts:
         points, faces = joined([part])
         if len(faces) == 0:

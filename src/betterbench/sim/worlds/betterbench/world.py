@@ -1,4 +1,4 @@
-"""Our own scenes as a world: its plans, and the order in which its trials are run.
+"""World of our own scenes: its plans, and the execution order of its trials.
 
 MuJoCo, which ``sim.robots`` and ``sim.scenes`` import, is imported at first use: a list of suites needs no simulator.
 """

@@ -1,4 +1,4 @@
-"""CALVIN ABC→D as a world: chains of five instructions.
+"""CALVIN ABC→D as a world, with chains of five instructions.
 
 - ``world``: plans, command, and a chain's scene.
 - ``simulator``: the process, which runs in an environment without betterbench.

@@ -42,7 +42,7 @@ Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's 
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
-"""Configuration noted in a run's versions if the user gave none of the published data."""
+"""Configuration stored in a run's versions if the user did not provide that of the published data."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
@@ -86,7 +86,10 @@ class CalvinSimulator:
         return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
-        """Reject: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
+        """Reject the request.
+
+        CALVIN has no stored initial states, and the premises of a chain are checked when it begins.
+        """
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
@@ -94,7 +97,7 @@ class CalvinSimulator:
         raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin a chain: set robot and scene. With "next", begin its next instruction from the current state."""
+        """Begin a chain by setting robot and scene. With "next", begin its next instruction from the current state."""
         self.prepare()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
@@ -125,7 +128,7 @@ class CalvinSimulator:
         return {**fixed, **document}, arrays
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step with CALVIN's own action; calvin_env requires the gripper to be 1 or -1.
+        """Take one control step with CALVIN's own action, in which calvin_env requires the gripper to be 1 or -1.
 
         An absolute action is passed in three parts: position, rotation, gripper.
         """

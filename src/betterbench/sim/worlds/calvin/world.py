@@ -257,7 +257,7 @@ class CalvinWorld(ProcessWorld):
 
 
 class ChainScene(ProcessScene):
-    """One chain of CALVIN: its instruction changes when a subtask is done."""
+    """Scene of one CALVIN chain, whose instruction changes when a subtask is done."""
 
     settings: CalvinWorld
 
@@ -564,7 +564,7 @@ class ChainScene(ProcessScene):
 
         sums: dict[tuple[str, str], float] = {}
         points = [c for b in scene["movable_objects"].values() for c in b["contacts"]]
-        # A pair with a block is in the block's list, a pair of two blocks in both lists: it is counted in one.
+        # a pair with a block is in the block's list; a pair of two blocks is in both lists, but counted in only one
         points = [c for c in points if int(c[2]) not in blocks or c[1] < c[2]]
         points += [c for c in robot["contacts"] if int(c[2]) not in blocks]
         for c in points:

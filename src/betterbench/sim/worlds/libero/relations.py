@@ -1,4 +1,4 @@
-"""Contacts and relations in LIBERO's simulator, read by the indices of geoms, sites and bodies.
+"""Contacts and relations in LIBERO's simulator, read via the indices of geoms, sites and bodies.
 
 LIBERO's own contact check looks up four names for each contact of the scene, and its relation to a region takes a dozen
 NumPy calls. Here, the same data are read by index. This module is imported in an environment without betterbench, with
@@ -23,7 +23,7 @@ _BELOW_M = 0.01
 """Depth below a box at which an object is still in the box [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
-"""Margin below which LIBERO's own check decides [m], because it sums matrix products in another order."""
+"""Margin below which LIBERO's own check decides [m], because it sums matrix products in a different order."""
 
 
 class Touching:
@@ -76,7 +76,7 @@ class Touching:
         return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
-        """Tell whether two models touch: robosuite's ``check_contact`` using indices."""
+        """Return whether two models touch: robosuite's ``check_contact`` using indices."""
         geoms = self._data.contact.geom
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
@@ -146,7 +146,7 @@ class Relations:
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
-        """Tell whether a relation says that an object is on or in a box of the table or of a fixture."""
+        """Return whether a relation is about an object on or in a box of the table or a fixture."""
         if len(relation) != 3 or relation[0] not in ("on", "in") or relation[1] not in self._env.obj_body_id:
             return False
         place = self._env.object_states_dict[relation[2]]

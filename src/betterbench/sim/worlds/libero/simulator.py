@@ -244,7 +244,7 @@ class LiberoSimulator:
 
 
 class _Camera:
-    """A camera that renders only if its image is needed, and returns the last image otherwise."""
+    """Camera that renders only if its image is needed, and otherwise returns the last image."""
 
     def __init__(self, draw: Any, simulator: LiberoSimulator) -> None:  # noqa: ANN401 - a sensor of robosuite
         self._draw, self._simulator = draw, simulator
@@ -405,7 +405,7 @@ class _Reader:
         return all(name in self._env.object_states_dict for name in relation[1:])
 
     def _is_premise(self, relation: list[str], interest: list[str]) -> bool:
-        """Tell whether a start relation places an object named in the instruction on another object."""
+        """Return whether a start relation places an object named in the instruction on another object."""
         if not self._known(relation) or len(relation) != 3 or relation[1] not in interest:
             return False
         place = self._env.object_sites_dict.get(relation[2])
@@ -432,7 +432,7 @@ class _Reader:
         return "floor"
 
     def _arena_places(self) -> dict[str, list[float]]:
-        """Return the places on the table or the floor in the task's file, by their coordinates [m]."""
+        """Return the start places on the table or floor in the task's file, named by their coordinates [m]."""
         env, height = self._env, _surface(self._env)
         offset = env.workspace_offset
         places = {}
@@ -443,7 +443,7 @@ class _Reader:
         return places
 
     def _place_of(self, relation: list[str]) -> str | None:
-        """Return the name of an object's start place; a start on another object becomes a place."""
+        """Return the name of an object's start place; starting on another object also counts as a place."""
         name = _place_named(self._env.parsed_problem, relation)
         if name not in self._places:
             x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()
@@ -504,7 +504,10 @@ class _Reader:
 
 
 class _Views:
-    """Arrays of a simulation, which keep their addresses: getting one from the engine takes as long as copying it."""
+    """Cached arrays of a simulation, whose addresses never change.
+
+    Getting one from the engine takes as long as copying it.
+    """
 
     def __init__(self, data: Any, site: int) -> None:  # noqa: ANN401 - MuJoCo's own
         self.qpos, self.qvel, self.act, self.ctrl = data.qpos, data.qvel, data.act, data.ctrl
@@ -547,7 +550,7 @@ def _is_placing(relation: list[str]) -> bool:
 
 
 def _is_on_surface(region: Mapping[str, Any]) -> bool:
-    """Tell whether a region is a rectangle on the table or the floor."""
+    """Return whether a region is a rectangle on the table or the floor."""
     return bool(region["ranges"]) and (region["target"] == "floor" or region["target"].endswith("table"))
 
 
@@ -612,7 +615,7 @@ def _can_cache(folder: Path) -> bool:
 def prepare() -> None:
     """Set the environment variables that LIBERO and robosuite read at their import."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    # A user's configuration for another LIBERO would lead to its files.
+    # a user's configuration for another LIBERO would point to the wrong files
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
     set_robosuite_macros()
 

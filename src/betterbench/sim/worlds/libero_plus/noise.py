@@ -1,4 +1,4 @@
-"""LIBERO-Plus's sensor noise: five kinds in ten strengths, applied to the front camera image.
+"""Sensor noise of LIBERO-Plus: five kinds in ten strengths, applied to the front camera image.
 
 The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit by bit
 (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
@@ -35,7 +35,7 @@ _FOGS = (
     (0.5, 3.0), (1.0, 2.8), (1.5, 2.5), (2.0, 2.2), (2.5, 2.0), (3.0, 1.8), (3.5, 1.6), (4.0, 1.5), (4.5, 1.4),
     (5.0, 1.3),
 )  # fmt: skip
-"""Density, and the factor by which each finer pattern is weaker."""
+"""Density, and attenuation factor of each finer pattern."""
 _FOG_SIDE = 256
 _FOG_ROUGHNESS = 100.0
 _GLASS = (

@@ -1,4 +1,4 @@
-"""LIBERO-Plus in LIBERO's simulator, with scene files and initial states of the wheel.
+"""LIBERO-Plus in LIBERO's simulator, with the scene files and initial states from its wheel.
 
 The wheel is read but never imported, because its package needs libraries that LIBERO's environment lacks. Its files
 name the additions to a scene (camera, rest pose, textures, light, new objects, noise), which this module passes to
@@ -62,7 +62,7 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Changes that a LIBERO-Plus problem class makes to its base class in LIBERO.
+    """Changes made by a LIBERO-Plus problem class to its base class in LIBERO.
 
     Attributes:
         name: Its name.

@@ -102,7 +102,7 @@ def _number(value: float | Sequence[float]) -> float:
 
 
 def finite_number(value: Any) -> float:  # noqa: ANN401 - of a stranger
-    """Return a number of Python or NumPy as a float; raise ValueError if it is a text, a boolean or not finite."""
+    """Return a Python or NumPy number as a float; raise ValueError for a text, a boolean or a non-finite number."""
     number = float("nan") if isinstance(value, bool | str | bytes) else float(value)
     if not math.isfinite(number):
         raise ValueError(f"{str(value)[:40]!r} is not a finite number")

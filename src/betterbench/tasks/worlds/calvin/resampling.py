@@ -1,4 +1,4 @@
-"""Resampled CALVIN starts: the same chains, with the blocks anywhere in the range of the training data.
+"""Resampled CALVIN starts: the same chains, but with blocks anywhere in the range of the training data.
 
 The official evaluation puts every block that is on the table at one of two points. With positions from the full range
 of the training data, the same policies complete fewer subtasks per chain (arXiv:2606.04233, official and resampled:
@@ -26,7 +26,7 @@ scene, as in the ``merged_config.yaml`` of the published data).
 """
 
 APART_M = 0.09
-"""Minimum distance between two block centers [m]: more than the extent of the largest two, whatever their yaws."""
+"""Minimum distance between two block centers [m], more than the extent of the largest two at any yaw."""
 
 _TRIES = 1000
 

@@ -26,9 +26,9 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """Chain result: its index among the 1,000, and its subtasks up to the first failure.
+    """Result of a chain: its index among the 1,000, and its subtasks up to the first failure.
 
-    A chain without subtasks was not run; its length is 0, and no subtask rate includes it.
+    A chain without subtasks was not run; its length is 0, and it is not counted in subtask rates.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""Rollout of a chain: five instructions in a row, until one fails."""
+"""Rollout of a chain of five instructions, until one fails."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def start_states() -> tuple[SymbolicState, ...]:
 
 
 def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw subtasks for chains from one start like CALVIN: five different ones, repeated until they are feasible.
+    """Draw the subtasks of chains from one start as CALVIN does: five different ones, redrawn until they are feasible.
 
     CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
     by NumPy's legacy generator, whose stream is frozen.

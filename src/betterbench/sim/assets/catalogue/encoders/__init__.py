@@ -1,4 +1,4 @@
-"""Encoders of meaning, one file each, and the registry; new files in this folder are registered automatically.
+"""Text encoders, one file each, and their registry; new files in this folder are registered automatically.
 
 ``wordpiece`` splits texts into the pieces that the default encoder knows.
 """

@@ -16,7 +16,7 @@ class TextEncoder(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the encoder with its weights; a catalogue is searched with the encoder that indexed it."""
+        """Name of the encoder and its weights; a catalogue is searched with the encoder that indexed it."""
 
     @property
     def dimension(self) -> int:

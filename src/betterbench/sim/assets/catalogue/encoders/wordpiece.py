@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 
 _LONGEST_WORD = 100
-"""Largest length of a word [characters]; longer words become the unknown piece."""
+"""Maximum length of a word [characters]; longer words become the unknown piece."""
 _IDEOGRAPHS = (
     (0x4E00, 0x9FFF),
     (0x3400, 0x4DBF),

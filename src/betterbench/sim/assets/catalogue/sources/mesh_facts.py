@@ -1,4 +1,4 @@
-"""Facts of mesh files that can be read without loading a mesh: triangles and extents.
+"""Facts about mesh files that can be read without loading the mesh: triangles and extents.
 
 Referenced files are not opened, and the number of bytes read per file is limited. A number that is missing in the file,
 or is not finite, is unknown.
@@ -22,7 +22,7 @@ from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 
 MAX_TEXT_BYTES = 64 << 20
-"""Largest OBJ or text STL file that is read [byte]; the facts of larger files are unknown."""
+"""Maximum size of an OBJ or text STL file to read [byte]; the facts about larger files are unknown."""
 _MOST_NODES = 20_000
 _CURE = "Repair the file or remove it"
 

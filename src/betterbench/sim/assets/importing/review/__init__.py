@@ -1,4 +1,4 @@
-"""Review of imported objects by people, as data: changes, verdicts, and their replay without the browser page.
+"""Data of human reviews of imported objects: changes, verdicts, and their replay without the browser page.
 
 - ``changes``: one change of an object, with its value before and after.
 - ``content``: hash of the reviewed mesh file.

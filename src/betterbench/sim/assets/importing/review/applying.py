@@ -284,7 +284,7 @@ _OTHER_CURE = "Import it with the options of the review (name, size_m, up), or r
 
 
 def _other(where: str, what: str, found: str, here: str) -> InvalidInputError:
-    """Return the error for a change that belongs to another state of the object."""
+    """Return the error for a change that was made to a different state of the object."""
     return InvalidInputError(where, f"the review found its {what} to be {found}, and here it is {here}", _OTHER_CURE)
 
 

@@ -1,4 +1,4 @@
-"""The file of a review, with one appended JSON line per decision, and the history of each object in it.
+"""Review file, with one appended JSON line per decision, and the history of each object in it.
 
 This module defines the lines about imported objects; :mod:`betterbench.jobs.decisions` has the mechanism.
 """
@@ -29,7 +29,7 @@ SHOWN = 16
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Review:
-    """One decision of a person about one object: a line of the file.
+    """Human decision about one object: a line of the file.
 
     Attributes:
         author: Name of the person.
@@ -81,7 +81,7 @@ class ReviewJournal(DecisionJournal[Review]):
 
     @staticmethod
     def form(review: Review) -> dict[str, Any]:
-        """Return the JSON form of a line."""
+        """Return a line as JSON."""
         form = DecisionJournal.form(review)
         form["size_m"] = [round(float(v), 6) for v in review.size_m]
         return form
