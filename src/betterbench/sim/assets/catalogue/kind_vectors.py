@@ -24,7 +24,7 @@ WORDS_SHARE = 0.2
 """Weight of the words that a query shares with the texts of a kind, beside the mean cosine."""
 VARIETY_SHARE = 0.6
 """Share by which a variety or brand of the kind moves the similarity towards the largest one."""
-BESIDE_LOSS = 0.075
+BESIDE_LOSS = 0.05
 """Loss of a kind that the query names as another object of the use: the steak in "you serve a steak on it"."""
 _COUNTED = 2
 """Number of nearest texts of a kind in the mean cosine, which worked better than the largest cosine."""
