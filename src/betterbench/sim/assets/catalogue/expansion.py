@@ -36,7 +36,8 @@ stack stick tube
 """
 _MEASURES = frozenset(_COUNTED.split())
 """Head nouns that may be measure words: in "a slice of tomato", both nouns are used."""
-_CLASSES = frozenset("appliance container device gadget implement instrument machine tool utensil vessel".split())
+_MANY = "appliance container device gadget implement instrument machine tool utensil vessel"
+_CLASSES = frozenset(_MANY.split())
 """Nouns for many kinds of objects, which do not name one."""
 _LONGEST_PHRASE = 5
 _BEFORE_THE_NOUN = 0.4
@@ -162,8 +163,8 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
 def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
     """Return the kinds of the varieties and brands in the part of the query that names the object.
 
-    A variety that is the noun itself has the full weight: "a green granny smith". Before another noun it has less, because
-    the noun may name another object: "a cheddar sandwich".
+    A variety that is the noun itself has the full weight: "a green granny smith". Before another noun it has less,
+    because the noun may name another object: "a cheddar sandwich".
     """
     if head < 0 or is_use(words):
         return {}
@@ -182,7 +183,7 @@ def is_use(words: Sequence[str]) -> bool:
 
 
 def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
-    """Return the words after the noun that names the object: the steak in "you serve a steak on it", "a plate for a steak"."""
+    """Return words beside the object: all of "you serve a steak on it", and "steak" in "a plate for steak"."""
     if is_use(words):
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
