@@ -251,6 +251,46 @@ def test_an_accessor_that_promises_gigabytes_is_refused(folder):
     refused(folder, "a.glb", "cannot be read")
 
 
+def test_a_sparse_accessor_of_a_surface_is_refused(folder):
+    """The reader of glTF drops the replaced values, which gives another shape."""
+    form, binary = triangle_form(CORNERS)
+    sparse = {"count": 1, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}}
+    form["accessors"].append({**form["accessors"][0], "sparse": sparse})
+    (folder / "a.glb").write_bytes(glb(form, binary))
+    assert read_mesh_file(folder / "a.glb").face_count == 1, "no surface uses the accessor"
+    form["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 1
+    (folder / "a.glb").write_bytes(glb(form, binary))
+    with pytest.raises(InvalidInputError, match="sparse accessor"):
+        read_mesh_file(folder / "a.glb")
+
+
+@pytest.mark.parametrize("face", ["f 0 1 2", "f 1 2 0", "f 1/1 0/2 3/3", "f 1 2 3 0"])
+def test_a_triangle_of_vertex_zero_is_refused(folder, face):
+    """Vertices of OBJ are counted from 1, and a reader that takes 0 for the last vertex gives another shape."""
+    (folder / "a.obj").write_text(f"v 0 0 0\nv 0.1 0 0\nv 0 0.1 0.1\nv 0.1 0.1 0\nvt 0 0\nvt 1 0\nvt 0 1\n{face}\n")
+    with pytest.raises(InvalidInputError, match="vertex 0"):
+        read_mesh_file(folder / "a.obj")
+    (folder / "a.obj").write_text(f"o box 0 0\n# f 0 1 2\n{TRIANGLE}f 10 20 30\n".replace("f 10 20 30\n", ""))
+    assert read_mesh_file(folder / "a.obj").face_count == 1
+
+
+def test_two_links_with_one_name_are_refused(folder):
+    shape = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+    (folder / "a.urdf").write_text(f'<robot name="r"><link name="a">{shape}</link><link name="a"/></robot>')
+    with pytest.raises(InvalidInputError, match="two links have the name 'a'"):
+        read_object(folder / "a.urdf", FolderResolver(folder, "a.urdf"))
+
+
+@pytest.mark.parametrize("size", ['nkey="1000000000"', 'memory="900G"', 'nuserdata="2000000000"', 'njmax="100"'])
+def test_the_memory_that_a_prop_asks_for_is_not_reserved(folder, size):
+    """A prop needs none, and MuJoCo spends minutes on a billion of key frames."""
+    body = '<worldbody><body><geom type="box" size="0.1 0.1 0.1"/></body></worldbody>'
+    (folder / "a.xml").write_text(f"<mujoco><size {size}/>{body}</mujoco>")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert read_object(folder / "a.xml", FolderResolver(folder, "a.xml")).face_count == 12
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10 < PARENT_MB
+
+
 def test_draco_without_its_decoder_is_named_with_the_cure(folder, monkeypatch):
     draco = "KHR_draco_mesh_compression"
     form, binary = triangle_form(CORNERS, extensionsRequired=[draco], extensionsUsed=[draco])
