@@ -116,13 +116,16 @@ def _painted(mesh: RawMesh) -> VisualPart:
 
 def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a surface of 600 triangles, or of 1,200 if it would be dented or lose parts."""
-    points, triangles = reduced(vertices, faces, FACE_BUDGET)
-    if len(triangles) == len(faces):
-        return points, triangles
+    if len(faces) <= FACE_BUDGET:
+        return vertices, faces
+    points, triangles = vertices, faces
     size = float(np.ptp(vertices, axis=0).max())
     before = _some(spread(vertices, faces, size / 120.0)[0])
+    is_lost = False
     for budget in (FACE_BUDGET, THIN_FACE_BUDGET):
         points, triangles = reduced(vertices, faces, budget)
+        if len(triangles) == len(faces):
+            return points, triangles
         after = _some(spread(points, triangles, size / 120.0)[0])
         is_lost = bool(cKDTree(after).query(before)[0].max() > LOST_SHARE * size)
         dent = max(_farthest(before, after), _farthest(after, before))
