@@ -1,7 +1,8 @@
 """Hostile files: one clear error each, within limits of time and memory, and nothing is left behind.
 
-Each file is imported as a user would import it: by the job that writes a folder of assets, in its limited process.
-References to other folders need no such process, and are tested without it.
+Each file is imported as a user would import it: by the job that writes a folder of assets. Files with millions of
+triangles are imported in its limited process; files whose errors come before anything large is read need no such
+process, and are tested without it, because each start takes seconds.
 """
 
 from __future__ import annotations
@@ -228,6 +229,7 @@ def test_a_text_with_millions_of_triangles_is_refused(folder, monkeypatch):
         read_mesh_file(folder / "a.obj")
 
 
+@pytest.mark.usefixtures("imports_here")
 def test_vertices_that_are_not_numbers_are_refused(folder):
     form, binary = triangle_form([(0, 0, 0), (np.nan, 0, 0), (0, np.inf, 0.1)])
     (folder / "a.glb").write_bytes(glb(form, binary))
@@ -244,6 +246,7 @@ def test_a_file_that_is_cut_off_is_refused_wherever_it_ends(folder):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.usefixtures("imports_here")
 def test_an_accessor_that_promises_gigabytes_is_refused(folder):
     form, binary = triangle_form(CORNERS)
     form["accessors"][0]["count"] = 2_000_000_000
@@ -307,6 +310,7 @@ def test_draco_without_its_decoder_is_named_with_the_cure(folder, monkeypatch):
         read_mesh_file(folder / "a.glb")
 
 
+@pytest.mark.usefixtures("imports_here")
 @pytest.mark.parametrize("kind", ["mtl", "mjcf"])
 def test_a_picture_of_gigabytes_is_refused_before_it_is_unpacked(folder, kind):
     """A small PNG file whose picture has 81 million pixels: a zip bomb."""

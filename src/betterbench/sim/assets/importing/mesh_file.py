@@ -295,7 +295,8 @@ def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene o
             uv,
             colors,
         )
-        found.append(part.moved(np.asarray(transform, dtype=np.float64)))
+        with np.errstate(all="ignore"):  # numbers that are not finite are reported later
+            found.append(part.moved(np.asarray(transform, dtype=np.float64)))
     return found
 
 
