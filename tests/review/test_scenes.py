@@ -99,7 +99,7 @@ def test_moved_regions_apply_inside_the_context_only():
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
     """A desk that does not build scenes."""
-    monkeypatch.setattr(SceneDesk, "_build", lambda _: None)
+    monkeypatch.setattr(SceneDesk, "_open", lambda _: None)
     with SceneJournal(tmp_path / "ada.jsonl") as journal:
         opened = SceneDesk(scene_queue(["morning_coffee"]), journal, "ada")
         opened.open_first()

@@ -125,7 +125,7 @@ def _writes(journal, task_file, tmp_path, moved, monkeypatch):
     """After the other scenes were accepted, the reviewed task is written, twice with the same bytes."""
     options = ["--task-file", str(task_file)]
     assert main(["review", "apply", str(journal), *options, "--out", str(tmp_path / "early")]) == 2
-    monkeypatch.setattr(SceneDesk, "_build", lambda _: None)
+    monkeypatch.setattr(SceneDesk, "_open", lambda _: None)
     with SceneJournal(journal) as opened:
         desk = SceneDesk(scene_queue(["my_coffee"]), opened, "bob")
         for k in range(4):

@@ -5,10 +5,11 @@ Callbacks of the page only put commands into a queue; :meth:`CommandPage.run` ex
 
 from __future__ import annotations
 
+import functools
 import queue
 import threading
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -17,23 +18,27 @@ from betterbench.browser.keys import MARK, new_taps, read_keys, script_element
 from betterbench.browser.server import PageServer
 from betterbench.errors import BetterError
 from betterbench.geometry import Pose, Vector, normalize
+from betterbench.review.base_desk import Desk
+
+DeskT = TypeVar("DeskT", bound=Desk[Any, Any, Any])
 
 PANEL_PX = 380
 MOST_WAITING = 200
 """Maximum number of queued commands; a person does not send more."""
 
 
-class CommandPage:
-    """A page whose keys, buttons and fields send commands; a subclass executes them.
+class CommandPage(Generic[DeskT]):
+    """A page of a review, whose keys, buttons and fields send commands; a subclass executes its own commands.
 
     Attributes:
         server: The server of the page.
     """
 
-    def __init__(self, taps: Mapping[str, str], *, host: str, port: int) -> None:
+    def __init__(self, desk: DeskT, taps: Mapping[str, str], *, host: str, port: int) -> None:
         """Listen.
 
         Args:
+            desk: State of the review.
             taps: Command of each key, by key code.
             host: Interface.
             port: Port; 0 for any free port.
@@ -42,6 +47,9 @@ class CommandPage:
             MissingDependencyError: If viser is not installed.
             InvalidInputError: If the port is taken.
         """
+        self._desk = desk
+        self._version = 0  # part of the node names, because a page remembers a removed node's pose under its name
+        self._marks: list[Any] = []
         self._commands: queue.Queue[tuple[str, Any]] = queue.Queue(MOST_WAITING)
         self.server = PageServer(host=host, port=port, verb="better review", complain=self._complain)
         self._viser = self.server.viser
@@ -49,7 +57,12 @@ class CommandPage:
         self._taps: dict[int, dict[str, int]] = {}
 
     def begin(self) -> None:
-        """Show the first item of the queue."""
+        """Show the first item without a verdict."""
+        self._desk.open_first()
+        self.show()
+
+    def show(self, *, is_dragging: bool = False) -> None:
+        """Show the state of the review; while the user drags the gizmo, the page controls its pose."""
         raise NotImplementedError
 
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
@@ -88,7 +101,63 @@ class CommandPage:
             quaternion = normalize([round(v, 7) + 0.0 for v in turn.tolist()])
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
+    def _is_of_page(self, command: str, value: Any) -> bool:  # noqa: ANN401
+        """Execute a command that no key has, of the gizmo or about a problem; return whether it was one."""
+        if command == "drag":
+            pose, is_over = value
+            self._desk.drag(pose)
+            self.show(is_dragging=not is_over)
+        elif command == "complain":
+            self._desk.complain(str(value))
+            self.show()
+        return command in ("drag", "complain")
+
+    def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
+        """Return the commands of every review, and those that choose a mode."""
+        desk = self._desk
+        do: dict[str, Callable[[Any], object]] = {
+            "previous": lambda _: desk.step(-1),
+            "next": lambda _: desk.step(1),
+            "select": lambda _: desk.select_next(),
+            "keep": lambda _: desk.keep(),
+            "drop edit": lambda _: desk.drop_edit(),
+            "accept": lambda _: desk.accept(),
+            "reject": lambda _: self._reject(),
+            "undo": lambda _: desk.undo(),
+        }
+        return do | {mode: functools.partial(_choose, desk, mode) for mode in modes}
+
+    def _reject(self) -> None:
+        if self._desk.reject(str(self._reason.value)):
+            self._reason.value = ""
+
+    def _set_stage(self, light: float) -> Any:  # noqa: ANN401 - viser's
+        """Set up the empty view with an intensity of its surroundings, and return it."""
+        scene = self._viser.scene
+        scene.set_up_direction("+z")
+        scene.world_axes.visible = False
+        scene.configure_environment_map("studio", environment_intensity=light)
+        scene.configure_default_lights(enabled=True, cast_shadow=True)
+        return scene
+
+    def _begin_marks(self) -> None:
+        """Remove the marks of the former state, and begin new names."""
+        for node in self._marks:
+            node.remove()
+        self._marks = []
+        self._version += 1
+
     # ---------------------------------------------------------------------------------------------------------- panel
+
+    def _begin_verdicts(self, gui: Any) -> None:  # noqa: ANN401 - viser's
+        """Add the head, the status, and the buttons and the reason of a verdict to the panel."""
+        item, subject = self._desk.ITEM, self._desk.SUBJECT
+        self._head = gui.add_html("")
+        self._status = gui.add_html("")
+        self._button("Accept  A", "accept", "green", f"Accepts the {item}; a fix if something was changed.")
+        self._reason = self._input(gui.add_text("reason", ""), "text", None)
+        self._button("Reject  R", "reject", "red", f"Rejects the {item}, with the reason above.")
+        self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")
 
     def _begin_panel(self, eye: Vector, look_at: Vector) -> Any:  # noqa: ANN401 - viser's
         """Set up the empty panel and the view, and return the maker of panel elements."""
@@ -139,6 +208,10 @@ class CommandPage:
 
             element.on_update(typed)
         return element
+
+
+def _choose(desk: Desk[Any, Any, Any], mode: str, _: object) -> None:
+    desk.choose(mode)
 
 
 WORKING = '<div style="padding:4px 10px;font-size:13px"><b>working …</b></div>'

@@ -7,9 +7,9 @@ which becomes a line of the journal.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import ValidationError
 
@@ -17,6 +17,7 @@ from betterbench.errors import BetterError, one_line
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, from_axis_angle, multiply, normalize, rotate
 from betterbench.interface.state import Region
 from betterbench.jobs.decisions import now
+from betterbench.review.base_desk import Desk
 from betterbench.review.queue import QueuedObject
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.assets.authoring.draft import JAW_OPENS_ALONG_Y
@@ -32,11 +33,9 @@ from betterbench.sim.assets.importing.review import (
     PoseChange,
     RegionChange,
     Review,
-    ReviewJournal,
     ReviewState,
     ScaleChange,
     SupportChange,
-    Undo,
     Verdict,
     changed,
 )
@@ -54,36 +53,17 @@ FRAME_NAMES = ("opening", "inside", "floor", "top", "rim", "base", "slot")
 
 
 @dataclass(slots=True)
-class ReviewDesk:
-    """State of one review.
+class ReviewDesk(Desk[QueuedObject, Review, Change]):
+    """State of one review of objects.
 
-    Attributes:
-        queue: Objects to review.
-        journal: File of the decisions.
-        author: Reviewer name.
-        index: Index of the current object.
-        mode: Target of the gizmo: pose, support plane, grasp or placement frame.
-        selected: Index of the selected grasp or placement frame.
-        edit: Change in progress, None if there is none.
-        message: Result of the last command, one sentence.
-        is_problem: Whether ``message`` reports an error.
+    The targets of the gizmo are the pose, the support plane, a grasp or a placement frame (``MODES``).
     """
 
-    queue: Sequence[QueuedObject]
-    journal: ReviewJournal
-    author: str
-    index: int = 0
-    mode: Mode = "pose"
-    selected: int = 0
-    edit: Change | None = None
-    message: str = ""
-    is_problem: bool = False
-    _solid: tuple[ReviewState, Solid] | None = None
+    ITEM: ClassVar[str] = "object"
+    SUBJECT: ClassVar[str] = "object"
 
-    @property
-    def at_hand(self) -> QueuedObject:
-        """The current object."""
-        return self.queue[self.index]
+    mode: str = "pose"
+    _solid: tuple[ReviewState, Solid] | None = None
 
     @property
     def state(self) -> ReviewState | None:
@@ -98,7 +78,11 @@ class ReviewDesk:
     @property
     def judged(self) -> int:
         """Number of objects with a verdict."""
-        return sum(self.journal.history(item.content).verdict is not None for item in self.queue)
+        return sum(verdict is not None for verdict in self.verdicts())
+
+    def verdicts(self) -> list[Verdict | None]:
+        """Return the valid verdict on each object of the queue."""
+        return [self.journal.history(item.content).verdict for item in self.queue]
 
     @property
     def asset(self) -> Asset | None:
@@ -146,32 +130,8 @@ class ReviewDesk:
         w, x, y, z = self.edit.before
         return normalize(multiply(self.edit.after, (w, -x, -y, -z)))
 
-    # -------------------------------------------------------------------------------------------------------- moving
-
-    def open_first(self) -> None:
-        """Show the first object without a verdict."""
-        open_ones = [k for k, q in enumerate(self.queue) if self.journal.history(q.content).verdict is None]
-        self._go(open_ones[0] if open_ones else 0)
-
-    def step(self, by: int) -> None:
-        """Show another object of the queue; an edit in progress is kept first."""
-        if self.keep():
-            self._go((self.index + by) % len(self.queue))
-
-    def _go(self, index: int) -> None:
-        self.index, self.selected, self.edit = index, 0, None
+    def _open(self) -> None:
         self.at_hand.load(self.history)
-        self._say("")
-
-    def choose(self, mode: Mode) -> None:
-        """Choose the target of the gizmo; an edit in progress is kept first."""
-        if mode != self.mode and self.keep():
-            self.mode, self.selected = mode, 0
-
-    def select_next(self) -> None:
-        """Select the next grasp or placement frame; an edit in progress is kept first."""
-        if self.keep():
-            self.selected += 1
 
     # ------------------------------------------------------------------------------------------------------- editing
 
@@ -259,11 +219,6 @@ class ReviewDesk:
             return
         self.keep()
 
-    def drop_edit(self) -> None:
-        """Drop the edit in progress."""
-        self.edit = None
-        self._say("The edit was dropped.")
-
     def keep(self) -> bool:
         """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
         edit, state, item = self.edit, self.state, self.at_hand
@@ -274,7 +229,7 @@ class ReviewDesk:
             return True
         try:
             new = changed(state, edit, where=item.name)
-            self._write(edit, state)
+            self._write(edit)
         except (BetterError, ValidationError) as error:
             self._say(one_line(error), problem=True)
             return False
@@ -289,48 +244,17 @@ class ReviewDesk:
         if self.keep() and self.state is not None:
             self._judge(Verdict("fix" if self.history.changes else "accept"))
 
-    def reject(self, reason: str) -> None:
-        """Reject the object for a reason, and show the next one."""
-        if not reason.strip():
-            self._say("Write the reason of the rejection first.", problem=True)
-        elif self.keep():
-            self._judge(Verdict("reject", one_line(reason)))
+    def _undone(self, review: Review) -> None:
+        if not isinstance(review.decision, Verdict) and len(self.at_hand.states) > 1:
+            self.at_hand.states.pop()
+        undone = review.decision
+        what = f"verdict {undone.verdict}" if isinstance(undone, Verdict) else said(undone)  # type: ignore[arg-type]
+        self._say(f"Undone: {what}.")
 
-    def _judge(self, verdict: Verdict) -> None:
-        name = self.at_hand.name
-        if self._tried(lambda: self._write(verdict, self.state)):
-            self._go((self.index + 1) % len(self.queue))
-            self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
-
-    def undo(self) -> None:
-        """Drop the edit in progress; without an edit, undo the last active decision on this object."""
-        if self.edit is not None:
-            self.drop_edit()
-            return
-        last = self.history.last
-        if last is None:
-            self._say("There is nothing to undo for this object.", problem=True)
-            return
-        line, review = last
-        if self._tried(lambda: self._write(Undo(line), self.state)):
-            if not isinstance(review.decision, Verdict) and len(self.at_hand.states) > 1:
-                self.at_hand.states.pop()
-            undone = review.decision
-            what = f"verdict {undone.verdict}" if isinstance(undone, Verdict) else said(undone)  # type: ignore[arg-type]
-            self._say(f"Undone: {what}.")
-
-    def _write(self, decision: Decision, state: ReviewState | None) -> None:
-        item = self.at_hand
+    def _write(self, decision: Decision) -> None:
+        item, state = self.at_hand, self.state
         size = (0.0, 0.0, 0.0) if state is None else state.size_m
         self.journal.append(Review(self.author, now(), item.content, item.name, size, decision))
-
-    def _tried(self, write: Callable[[], None]) -> bool:
-        try:
-            write()
-        except (BetterError, ValidationError) as error:
-            self._say(one_line(error), problem=True)
-            return False
-        return True
 
     # --------------------------------------------------------------------------------------------------------- trials
 
@@ -365,9 +289,6 @@ class ReviewDesk:
         if self.edit is not None and not isinstance(self.edit, kind) and not self.keep():
             return None
         return self.state
-
-    def _say(self, text: str, *, problem: bool = False) -> None:
-        self.message, self.is_problem = text, problem
 
 
 def _free(stem: str, taken: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from betterbench.browser.keys import key_table
 from betterbench.geometry import Pose, normalize
 from betterbench.review.command_page import WORKING, CommandPage
-from betterbench.review.desk import FINE_DEGREES, MODES, SIZE_STEP, TURN_DEGREES, Mode, ReviewDesk
+from betterbench.review.desk import FINE_DEGREES, MODES, SIZE_STEP, TURN_DEGREES, ReviewDesk
 from betterbench.review.drawing import (
     HULL_COLORS,
     box_edges,
@@ -86,7 +86,7 @@ KEY_ROWS = (
 )
 
 
-class ReviewPage(CommandPage):
+class ReviewPage(CommandPage[ReviewDesk]):
     """The page of one review."""
 
     def __init__(self, desk: ReviewDesk, *, host: str, port: int) -> None:
@@ -96,12 +96,9 @@ class ReviewPage(CommandPage):
             MissingDependencyError: If viser is not installed.
             InvalidInputError: If the port is taken.
         """
-        super().__init__(TAP_KEYS, host=host, port=port)
-        self._desk = desk
+        super().__init__(desk, TAP_KEYS, host=host, port=port)
         self._shown: tuple[object, ...] = ()
         self._nodes: list[Any] = []
-        self._marks: list[Any] = []
-        self._version = 0  # part of the node names, because a page remembers a removed node's pose under its name
         self._visual: Any = None
         self._asset: Asset | None = None
         self._gripper: dict[str, Any] = {}
@@ -110,25 +107,15 @@ class ReviewPage(CommandPage):
         self._build_scene()
         self._build_panel()
 
-    def begin(self) -> None:
-        """Show the first object without a verdict."""
-        self._desk.open_first()
-        self.show()
-
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401 - of the page
         """Execute a command, and show the result."""
         tryout: Tryout | None = None
-        if command == "drag":
-            pose, is_over = value
-            self._desk.drag(pose)
-            self.show(is_dragging=not is_over)
+        if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "drop test", "lift test"):
             self._status.content = WORKING  # import and computation of shapes take seconds
         if command in ("drop test", "lift test"):
             tryout = self._desk.try_drop() if command == "drop test" else self._desk.try_lift()
-        elif command == "complain":
-            self._desk.message, self._desk.is_problem = str(value), True
         elif command in self._do:
             self._do[command](value)
         self.show()
@@ -137,47 +124,27 @@ class ReviewPage(CommandPage):
             self._shown = ()
             self.show()
 
-    def _verbs(self) -> dict[str, Callable[[Any], None]]:
+    def _verbs(self) -> dict[str, Callable[[Any], object]]:
         desk = self._desk
         axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-        do: dict[str, Callable[[Any], None]] = {
-            "previous": lambda _: desk.step(-1),
-            "next": lambda _: desk.step(1),
+        do: dict[str, Callable[[Any], object]] = {
             "smaller": lambda _: desk.size_by(1.0 / SIZE_STEP),
             "larger": lambda _: desk.size_by(SIZE_STEP),
-            "select": lambda _: desk.select_next(),
             "new": lambda _: desk.add(),
             "remove": lambda _: desk.remove(),
-            "keep": lambda _: _ignore(desk.keep()),
-            "drop edit": lambda _: desk.drop_edit(),
-            "accept": lambda _: desk.accept(),
-            "reject": lambda _: self._reject(),
-            "undo": lambda _: desk.undo(),
             "size": lambda value: desk.size(float(value) / 100.0),
             "mass": lambda value: desk.weigh(float(value) / 1000.0),
             "name": lambda value: desk.call(str(value)),
         }
-        for mode in MODES:
-            do[mode] = _choosing(desk, mode)
         for name, axis in axes.items():
             for degrees in (TURN_DEGREES, FINE_DEGREES, -FINE_DEGREES):
                 do[f"{name}{degrees:+.0f}"] = _turning(desk, axis, degrees)
-        return do
-
-    def _reject(self) -> None:
-        before = self._desk.at_hand
-        self._desk.reject(str(self._reason.value))
-        if self._desk.journal.history(before.content).verdict is not None:
-            self._reason.value = ""
+        return do | self._common_verbs(MODES)
 
     # ---------------------------------------------------------------------------------------------------------- scene
 
     def _build_scene(self) -> None:
-        scene = self._viser.scene
-        scene.set_up_direction("+z")
-        scene.world_axes.visible = False
-        scene.configure_environment_map("studio", environment_intensity=0.45)
-        scene.configure_default_lights(enabled=True, cast_shadow=True)
+        scene = self._set_stage(0.45)
         scene.add_grid(
             "/table",
             2.0,
@@ -213,8 +180,7 @@ class ReviewPage(CommandPage):
                 self._shown = key
             self._show_edit(is_dragging=is_dragging)
         self._head.content, self._status.content = head(desk), foot(desk)
-        verdicts = [v.verdict if (v := desk.journal.history(q.content).verdict) else "" for q in desk.queue]
-        self._list.content = queue_list(desk.queue, verdicts, desk.index)
+        self._list.content = queue_list(desk.queue, [v.verdict if v else "" for v in desk.verdicts()], desk.index)
 
     def _show_object(self) -> None:
         """Show the object's meshes with its kept changes, and its size and mass in the panel."""
@@ -266,10 +232,7 @@ class ReviewPage(CommandPage):
     def _show_edit(self, *, is_dragging: bool) -> None:
         """Show the target of the gizmo, and the edit in progress."""
         desk, asset = self._desk, self._asset
-        for node in self._marks:
-            node.remove()
-        self._marks = []
-        self._version += 1
+        self._begin_marks()
         if asset is None or self._visual is None:
             return
         shown = turned_about_middle(asset, Pose((0.0, 0.0, 0.0), desk.turn))
@@ -389,12 +352,7 @@ class ReviewPage(CommandPage):
 
     def _build_panel(self) -> None:
         gui = self._begin_panel(EYE_M, LOOK_AT_M)
-        self._head = gui.add_html("")
-        self._status = gui.add_html("")
-        self._button("Accept  A", "accept", "green", "Accepts the object; a fix if something was changed.")
-        self._reason = self._input(gui.add_text("reason", ""), "text", None)
-        self._button("Reject  R", "reject", "red", "Rejects the object, with the reason above.")
-        self._button("Undo  ⌫", "undo", "orange", "Undoes the last decision about this object.")
+        self._begin_verdicts(gui)
         self._button("Drop test  D", "drop test", "blue", "Drops the object on a table, in simulation.")
         self._button("Lift test  G", "lift test", "blue", "Lifts the object by the selected grasp, in simulation.")
         self._size = self._input(gui.add_number("longest side [cm]", 10.0, step=0.1), "number", "size")
@@ -414,14 +372,6 @@ def _closer(pose: Pose, opened_m: float) -> Pose:
     """Return the pose of a gripper body for a smaller opening [m]; the fingers open along the y axis."""
     x, y, z = pose.position
     return Pose((x, y * opened_m / OPEN_M, z), pose.quaternion)
-
-
-def _ignore(_: bool) -> None:
-    """Ignore the result, which ``message`` already reports."""
-
-
-def _choosing(desk: ReviewDesk, mode: Mode) -> Callable[[Any], None]:
-    return lambda _: desk.choose(mode)
 
 
 def _turning(desk: ReviewDesk, axis: tuple[float, float, float], degrees: float) -> Callable[[Any], None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -119,7 +119,7 @@ def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host:
 
     movable = frozenset(name for folder in _asset_folders(required=False) for name in manifest_of(folder).assets)
     with SceneJournal(out) as journal:
-        desk = SceneDesk(queue, journal, who, movable)
+        desk = SceneDesk(queue, journal, who, movable=movable)
         _serve(ScenePage(desk, host=host, port=port), host)
         judged = sum(verdict is not None for verdict in desk.verdicts())
         say(f"stopped; {judged} of {len(queue)} scenes have a verdict in {out}")
@@ -135,7 +135,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
     return folders
 
 
-def _serve(page: CommandPage, host: str) -> None:
+def _serve(page: CommandPage[Any], host: str) -> None:
     """Show a page until a signal stops the command."""
     from betterbench.cli.verbs.serve import stopped_by_signal
 

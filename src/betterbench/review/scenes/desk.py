@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import ValidationError
 
@@ -15,13 +15,13 @@ from betterbench.errors import BetterError, one_line
 from betterbench.geometry import Pose, Vector, from_yaw, yaw_of
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interface.state import Region
-from betterbench.jobs.decisions import Undo, Verdict, now
+from betterbench.jobs.decisions import Verdict, now
+from betterbench.review.base_desk import Desk
 from betterbench.review.scenes.changes import (
     FrameChange,
     SceneChange,
     SceneDecision,
     SceneHistory,
-    SceneJournal,
     SceneReview,
     SlotChange,
     SlotPlace,
@@ -43,43 +43,26 @@ SEEDS = 5
 
 
 @dataclass(slots=True)
-class SceneDesk:
+class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     """State of one review of scenes.
 
+    The targets of the gizmo are a slot or a placement frame (``MODES``).
+
     Attributes:
-        queue: Scenes to review.
-        journal: File of the decisions.
-        author: Reviewer name.
         movable: Assets whose placement frames can be moved, because they are in a folder of imported assets.
-        index: Index of the current scene.
         seed: Seed of the scene that is shown.
-        mode: Target of the gizmo: a slot or a placement frame.
-        selected: Index of the selected slot or placement frame.
-        edit: Change in progress, None if there is none.
         certified: Findings on the shown scene, None before they are computed.
-        message: Result of the last command, one sentence.
-        is_problem: Whether ``message`` reports an error.
     """
 
-    queue: Sequence[QueuedScene]
-    journal: SceneJournal
-    author: str
+    ITEM: ClassVar[str] = "scene"
+    SUBJECT: ClassVar[str] = "task"
+
+    mode: str = "slot"
     movable: frozenset[str] = frozenset()
-    index: int = 0
     seed: int = 0
-    mode: Mode = "slot"
-    selected: int = 0
-    edit: SceneChange | None = None
     certified: TrialCertificate | None = None
-    message: str = ""
-    is_problem: bool = False
     scene: Scene | None = None
     problem: str = ""
-
-    @property
-    def at_hand(self) -> QueuedScene:
-        """The current scene."""
-        return self.queue[self.index]
 
     @property
     def history(self) -> SceneHistory:
@@ -182,29 +165,14 @@ class SceneDesk:
 
     # -------------------------------------------------------------------------------------------------------- moving
 
-    def open_first(self) -> None:
-        """Show the first scene without a verdict."""
-        open_ones = [k for k, verdict in enumerate(self.verdicts()) if verdict is None]
-        self._go(open_ones[0] if open_ones else 0)
-
-    def step(self, by: int) -> None:
-        """Show another scene of the queue; an edit in progress is kept first."""
-        if self.keep():
-            self._go((self.index + by) % len(self.queue))
-
     def step_seed(self) -> None:
         """Show the scene with another seed; an edit in progress is kept first."""
         if self.keep():
             self.seed = (self.seed + 1) % SEEDS
-            self._build()
+            self._open()
             self._say(f"Seed {self.seed}.")
 
-    def _go(self, index: int) -> None:
-        self.index, self.selected, self.edit = index, 0, None
-        self._say("")
-        self._build()
-
-    def _build(self) -> None:
+    def _open(self) -> None:
         """Build the current scene; ``problem`` gets the reason of a failure."""
         self.scene, self.problem, self.certified = None, "", None
         try:
@@ -218,16 +186,6 @@ class SceneDesk:
                 )
         except BetterError as error:
             self.problem = one_line(error)
-
-    def choose(self, mode: Mode) -> None:
-        """Choose the target of the gizmo; an edit in progress is kept first."""
-        if mode != self.mode and self.keep():
-            self.mode, self.selected = mode, 0
-
-    def select_next(self) -> None:
-        """Select the next slot or placement frame; an edit in progress is kept first."""
-        if self.keep():
-            self.selected += 1
 
     # ------------------------------------------------------------------------------------------------------- editing
 
@@ -272,11 +230,6 @@ class SceneDesk:
         kept = placement.asset.region(region.name)
         self.edit = FrameChange(category, kept, replace(kept, position=(x, y, z), quaternion=(w, i, j, k)))
 
-    def drop_edit(self) -> None:
-        """Drop the edit in progress."""
-        self.edit = None
-        self._say("The edit was dropped.")
-
     def keep(self) -> bool:
         """Write the edit in progress as a change; return False if this fails, with the reason in ``message``."""
         edit = self.edit
@@ -291,7 +244,7 @@ class SceneDesk:
         except (BetterError, ValidationError) as error:
             self._say(one_line(error), problem=True)
             return False
-        self._build()
+        self._open()
         self._say(f"Kept: {said(edit)}.")
         return True
 
@@ -305,38 +258,7 @@ class SceneDesk:
                 return
             self._judge(Verdict("fix" if self.is_changed else "accept"))
 
-    def reject(self, reason: str) -> None:
-        """Reject the scene for a reason, and show the next one."""
-        if not reason.strip():
-            self._say("Write the reason of the rejection first.", problem=True)
-        elif self.keep():
-            self._judge(Verdict("reject", one_line(reason)))
-
-    def _judge(self, verdict: Verdict) -> None:
-        name = self.at_hand.name
-        try:
-            self._write(verdict)
-        except (BetterError, ValidationError) as error:
-            self._say(one_line(error), problem=True)
-            return
-        self._go((self.index + 1) % len(self.queue))
-        self._say(f"{name}: {verdict.verdict}{f', {verdict.reason}' if verdict.reason else ''}.")
-
-    def undo(self) -> None:
-        """Drop the edit in progress; without an edit, undo the last active decision on this task."""
-        if self.edit is not None:
-            self.drop_edit()
-            return
-        last = self.history.last
-        if last is None:
-            self._say("There is nothing to undo for this task.", problem=True)
-            return
-        line, review = last
-        try:
-            self._write(Undo(line))
-        except (BetterError, ValidationError) as error:
-            self._say(one_line(error), problem=True)
-            return
+    def _undone(self, review: SceneReview) -> None:
         at = [k for k, item in enumerate(self.queue) if item.name == review.subject]
         self._go(at[0] if at else self.index)
         undone = review.decision
@@ -379,9 +301,6 @@ class SceneDesk:
         else:
             failed = "; ".join(f"({letter}) {found.clauses[letter].text or CLAUSES[letter]}" for letter in found.failed)
             self._say(f"Not certified with seed {self.seed}: {one_line(failed, most=300)}.", problem=True)
-
-    def _say(self, text: str, *, problem: bool = False) -> None:
-        self.message, self.is_problem = text, problem
 
 
 def bodies_of(scene: Scene) -> Mapping[str, int]:

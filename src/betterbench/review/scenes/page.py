@@ -13,7 +13,7 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.interface.observation import observation_spec
 from betterbench.review.command_page import WORKING, CommandPage
 from betterbench.review.drawing import HULL_COLORS, box_edges
-from betterbench.review.scenes.desk import MODES, STEP_DEGREES, STEP_M, Mode, SceneDesk, bodies_of
+from betterbench.review.scenes.desk import MODES, STEP_DEGREES, STEP_M, SceneDesk, bodies_of
 from betterbench.review.scenes.drawing import foot, head, queue_list
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.glb import body_files
@@ -68,7 +68,7 @@ KEY_ROWS = (
 )
 
 
-class ScenePage(CommandPage):
+class ScenePage(CommandPage[SceneDesk]):
     """The page of one review of scenes."""
 
     def __init__(self, desk: SceneDesk, *, host: str, port: int) -> None:
@@ -78,83 +78,50 @@ class ScenePage(CommandPage):
             MissingDependencyError: If viser is not installed.
             InvalidInputError: If the port is taken.
         """
-        super().__init__(TAP_KEYS, host=host, port=port)
-        self._desk = desk
+        super().__init__(desk, TAP_KEYS, host=host, port=port)
         self._spec = observation_spec("default")
         self._renderers = Renderers(2)
         self._view: Shown = "visual"
         self._drawn: Scene | None = None
-        self._version = 0  # part of the node names, because a page remembers a removed node's pose under its name
         self._bodies: dict[int, Any] = {}
         self._touched: dict[str, list[Any]] = {}
-        self._marks: list[Any] = []
         self._do = self._verbs()
         self._build_stage()
         self._build_panel()
 
-    def begin(self) -> None:
-        """Show the first scene without a verdict."""
-        self._desk.open_first()
-        self.show()
-
     def obey(self, command: str, value: Any, stopped: threading.Event) -> None:  # noqa: ANN401, ARG002 - of the page
         """Execute a command, and show the result."""
-        if command == "drag":
-            pose, is_over = value
-            self._desk.drag(pose)
-            self.show(is_dragging=not is_over)
+        if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "seed", "certify", "undo"):
             self._status.content = WORKING  # building and examining a scene take seconds
-        if command == "complain":
-            self._desk.message, self._desk.is_problem = str(value), True
-        elif command in self._do:
-            self._do[command]()
+        if command in self._do:
+            self._do[command](value)
         self.show()
 
-    def _verbs(self) -> dict[str, Callable[[], Any]]:
+    def _verbs(self) -> dict[str, Callable[[Any], object]]:
         desk = self._desk
-        do: dict[str, Callable[[], Any]] = {
-            "previous": lambda: desk.step(-1),
-            "next": lambda: desk.step(1),
-            "select": desk.select_next,
-            "away": lambda: desk.nudge((STEP_M, 0.0, 0.0)),
-            "near": lambda: desk.nudge((-STEP_M, 0.0, 0.0)),
-            "left": lambda: desk.nudge((0.0, STEP_M, 0.0)),
-            "right": lambda: desk.nudge((0.0, -STEP_M, 0.0)),
-            "turn left": lambda: desk.nudge((0.0, 0.0, 0.0), STEP_DEGREES),
-            "turn right": lambda: desk.nudge((0.0, 0.0, 0.0), -STEP_DEGREES),
-            "keep": desk.keep,
-            "drop edit": desk.drop_edit,
-            "view": self._next_view,
-            "seed": desk.step_seed,
-            "certify": desk.certify,
-            "accept": desk.accept,
-            "reject": self._reject,
-            "undo": desk.undo,
+        still = (0.0, 0.0, 0.0)
+        return self._common_verbs(MODES) | {
+            "away": lambda _: desk.nudge((STEP_M, 0.0, 0.0)),
+            "near": lambda _: desk.nudge((-STEP_M, 0.0, 0.0)),
+            "left": lambda _: desk.nudge((0.0, STEP_M, 0.0)),
+            "right": lambda _: desk.nudge((0.0, -STEP_M, 0.0)),
+            "turn left": lambda _: desk.nudge(still, STEP_DEGREES),
+            "turn right": lambda _: desk.nudge(still, -STEP_DEGREES),
+            "view": lambda _: self._next_view(),
+            "seed": lambda _: desk.step_seed(),
+            "certify": lambda _: desk.certify(),
         }
-        for mode in MODES:
-            do[mode] = _choosing(desk, mode)
-        return do
 
     def _next_view(self) -> None:
         self._view = SHOWN[(SHOWN.index(self._view) + 1) % len(SHOWN)]
         self._desk.message, self._desk.is_problem = f"Shown: {self._view}.", False
 
-    def _reject(self) -> None:
-        before = len(self._desk.journal.reviews)
-        self._desk.reject(str(self._reason.value))
-        if len(self._desk.journal.reviews) > before:
-            self._reason.value = ""
-
     # ---------------------------------------------------------------------------------------------------------- scene
 
     def _build_stage(self) -> None:
-        scene = self._viser.scene
-        scene.set_up_direction("+z")
-        scene.world_axes.visible = False
-        scene.configure_environment_map("studio", environment_intensity=0.4)
-        scene.configure_default_lights(enabled=True, cast_shadow=True)
+        scene = self._set_stage(0.4)
         scene.add_frame("/scene", show_axes=False)
         self._gizmo = scene.add_transform_controls(GIZMO, scale=0.09, line_width=3.0, depth_test=False)
         self._gizmo.on_update(self._dragged)
@@ -224,10 +191,7 @@ class ScenePage(CommandPage):
 
     def _show_marks(self, *, is_dragging: bool) -> None:
         """Show slots or placement frames, and the gizmo at the selected one."""
-        for node in self._marks:
-            node.remove()
-        self._marks = []
-        self._version += 1
+        self._begin_marks()
         desk = self._desk
         target = self._mark_slots() if desk.mode == "slot" else self._mark_frames()
         self._gizmo.visible = target is not None
@@ -282,12 +246,7 @@ class ScenePage(CommandPage):
 
     def _build_panel(self) -> None:
         gui = self._begin_panel(EYE_M, LOOK_AT_M)
-        self._head = gui.add_html("")
-        self._status = gui.add_html("")
-        self._button("Accept  A", "accept", "green", "Accepts the scene; a fix if something was changed.")
-        self._reason = self._input(gui.add_text("reason", ""), "text", None)
-        self._button("Reject  R", "reject", "red", "Rejects the scene, with the reason above.")
-        self._button("Undo  ⌫", "undo", "orange", "Undoes the last decision about this task.")
+        self._begin_verdicts(gui)
         self._button("Certify  C", "certify", "blue", "Examines this scene as better certify does.")
         self._button("Visual, collision, both  V", "view", "gray", "Changes which shapes are shown.")
         self._button("Next seed  S", "seed", "gray", "Shows the scene with another seed.")
@@ -304,7 +263,3 @@ class ScenePage(CommandPage):
         side.dock_left()
         side.set_width(SIDE_PX)
         self._listen()
-
-
-def _choosing(desk: SceneDesk, mode: Mode) -> Callable[[], None]:
-    return lambda: desk.choose(mode)

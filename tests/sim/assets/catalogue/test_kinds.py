@@ -8,12 +8,21 @@ import numpy as np
 import pytest
 
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
-from betterbench.sim.assets.catalogue.kind_vectors import HEAD_SHARE, WORDS_SHARE, KindIndex, write_kinds
-from betterbench.sim.assets.catalogue.kinds import kind_of, listed_kinds
+from betterbench.sim.assets.catalogue.expansion import understood, variety_list
+from betterbench.sim.assets.catalogue.kind_vectors import (
+    BESIDE_LOSS,
+    HEAD_SHARE,
+    VARIETY_SHARE,
+    WORDS_SHARE,
+    KindIndex,
+    write_kinds,
+)
+from betterbench.sim.assets.catalogue.kinds import kind_of, listed_kinds, number_of
 from betterbench.sim.assets.catalogue.sources import open_source
 from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.sim.assets.catalogue.vectors import quantized, text_digest
 
+PLAIN = understood("")
 NEGATIONS = {"not", "no", "never", "without", "unlike"}
 
 
@@ -78,28 +87,74 @@ def test_likeness_counts_the_two_nearest_texts_and_the_head(tmp_path):
     def near(vector, places):
         return np.mean(sorted(vectors[places] @ vector)[-2:])
 
-    found = index.likeness(asked, head, [])
+    found = index.likeness(asked, head, PLAIN)
     for kind, places in ((2, [0, 1, 2]), (4, [3, 4])):
         expected = (1 - HEAD_SHARE) * near(asked[0], places) + HEAD_SHARE * near(head, places)
         assert found[kind] == pytest.approx(expected, abs=0.01)
     assert found[[0, 1, 3]].tolist() == [-1.0] * 3
-    further = index.likeness(vectors[[0, 4]], head, [])
+    further = index.likeness(vectors[[0, 4]], head, PLAIN)
     assert further[4] > found[4], "of several descriptions, the nearest one counts"
 
 
-def test_words_of_the_query_in_the_texts_of_a_kind_count_by_their_rarity(tmp_path):
-    kinds = listed_kinds()
-    chosen = [next(n for n, kind in enumerate(kinds) if name in kind.names) for name in ("apple", "avocado", "speaker")]
-    texts = [(number, text) for number in chosen for text in kinds[number].texts]
+CHOSEN = [number_of(name) for name in ("apple", "avocado", "speaker")]
+VECTOR = np.ones(16, np.float32) / 4.0
+
+
+def likeness(index, query):
+    """Return the similarity of apple, avocado and speaker, if all texts have the vector of the query."""
+    return index.likeness(VECTOR[None], VECTOR, understood(query))[CHOSEN]
+
+
+@pytest.fixture
+def index(tmp_path):
+    texts = [(number, text) for number in CHOSEN for text in listed_kinds()[number].texts]
     same = quantized(np.ones((len(texts), 16), np.float32) / 4.0)
     digests = np.frombuffer(b"".join(text_digest(text) for _, text in texts), np.uint8).reshape(-1, 16)
-    write_kinds(tmp_path, chosen, [number for number, _ in texts], digests, same)
-    index = KindIndex(tmp_path, count=3, dimension=16)
-    vector = np.ones(16, np.float32) / 4.0
-    plain = index.likeness(vector[None], vector, [])[chosen]
-    apple, avocado, speaker = index.likeness(vector[None], vector, ["green", "fruit", "guacamole"])[chosen] - plain
+    write_kinds(tmp_path, CHOSEN, [number for number, _ in texts], digests, same)
+    return KindIndex(tmp_path, count=3, dimension=16)
+
+
+def test_words_of_the_query_in_the_texts_of_a_kind_count_by_their_rarity(index):
+    plain = likeness(index, "")
+    apple, avocado, speaker = likeness(index, "green fruit guacamole") - plain
     assert avocado == pytest.approx(WORDS_SHARE), "it has every word"
     assert 0.0 < apple < 0.7 * avocado, "it has the frequent words"
     assert speaker == 0.0
-    played = index.likeness(vector[None], vector, ["playing", "music"])[chosen] - plain
+    played = likeness(index, "playing music") - plain
     assert played.argmax() == 2, "verb forms are one word"
+
+
+def test_a_variety_that_names_the_object_stands_for_its_kind(index):
+    plain = likeness(index, "")
+    for query, kind in (("granny smith", 0), ("two ripe braeburns in a bowl", 0), ("hass", 1), ("jbl for my room", 2)):
+        gained = likeness(index, query) - plain
+        assert gained.argmax() == kind, query
+        assert gained[kind] > VARIETY_SHARE * 0.19, query
+        assert likeness(index, query)[kind] <= 1.0 + WORDS_SHARE
+    before_a_noun = likeness(index, "braeburn tart") - plain
+    assert 0.0 < before_a_noun[0] < (likeness(index, "braeburn") - plain)[0], "a tart may be meant"
+    of_a_use = understood("it keeps granny smiths fresh")
+    assert of_a_use.kinds == {}, "the object is another one"
+    assert likeness(index, "nespresso").tolist() == plain.tolist(), "no row has the kind"
+
+
+def test_another_object_of_the_use_is_not_meant(index):
+    plain = likeness(index, "zzz")
+    for query in ("you bite it like an apple", "zzz for apples", "you cut an apple with it"):
+        assert understood(query).beside, query
+    lost = likeness(index, "zzz for apples") - plain
+    with_it = likeness(index, "zzz apples") - plain
+    assert with_it[0] - lost[0] == pytest.approx(BESIDE_LOSS)
+    assert understood("it is an apple").beside == ()
+    assert understood("a slice of apple").beside == ()
+
+
+def test_the_lists_name_kinds_and_repeat_no_name():
+    names = {tuple(terms(name)) for kind in listed_kinds() for name in kind.names}
+    varieties = variety_list()
+    assert len(varieties) > 1_200
+    for kinds in varieties.values():
+        assert len(set(kinds)) == len(kinds)
+        assert all(number_of(kind) >= 0 for kind in kinds)
+    assert not names & set(varieties), "the name of a kind needs no line"
+    assert () not in varieties

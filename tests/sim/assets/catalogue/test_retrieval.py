@@ -25,7 +25,9 @@ NEW_QUERIES = json.loads((DATA / "new_queries.json").read_text(encoding="utf-8")
 HELD_OUT = json.loads((DATA / "held_out_queries.json").read_text(encoding="utf-8"))
 """Queries written before the errors of the search were looked at; they then chose the weight of the words of kinds."""
 FOURTH = json.loads((DATA / "fourth_queries.json").read_text(encoding="utf-8"))
-"""Queries written before any search was run on them, measured once; nothing may be tuned on them."""
+"""Queries written before any search was run on them; their errors then showed the need for varieties and uses."""
+FIFTH = json.loads((DATA / "fifth_queries.json").read_text(encoding="utf-8"))
+"""Queries frozen before any search was run on them, measured once; nothing may be tuned on them."""
 QUERIES = json.loads((DATA / "queries.json").read_text(encoding="utf-8"))
 MESHES = json.loads((DATA / "meshes.json").read_text(encoding="utf-8"))
 GENERATED = {row["category"]: row["categories"] for row in json.loads((DATA / "generated.json").read_text())}
@@ -42,12 +44,13 @@ def test_the_labels_are_enough_and_split(queries):
 
 
 def test_the_sets_share_no_query():
-    every = [row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH)]
+    every = [row["query"].lower() for row in (*QUERIES, *NEW_QUERIES, *HELD_OUT, *FOURTH, *FIFTH)]
     assert len(HELD_OUT) == 120
     assert len(FOURTH) == 154
+    assert len(FIFTH) == 150
     assert len(set(every)) == len(every)
     labels = {name for row in MESHES for name in row["categories"]} | {n for names in GENERATED.values() for n in names}
-    assert {name for row in (*HELD_OUT, *FOURTH) for name in row["categories"]} <= labels
+    assert {name for row in (*HELD_OUT, *FOURTH, *FIFTH) for name in row["categories"]} <= labels
 
 
 @pytest.fixture(scope="module", params=["words", "meaning"])
@@ -108,13 +111,22 @@ def test_queries_of_the_third_set_are_answered(catalogue):
     assert fifth >= (0.98 if catalogue.has_vectors else 0.77)
 
 
+def test_queries_of_the_fourth_set_are_answered(catalogue):
+    """Precision@1 was 0.844 before varieties and uses were listed; these queries showed the need for the lists."""
+    if not catalogue.has_vectors:
+        pytest.skip("the set was measured by words and meaning only")
+    first, fifth = shares(catalogue, FOURTH)
+    assert first >= 0.97
+    assert fifth >= 0.98
+
+
 def test_queries_that_tuned_nothing_are_answered(catalogue):
     """The goal of 0.95 is missed by both shares; docs/asset-catalogue.md has the numbers."""
     if not catalogue.has_vectors:
         pytest.skip("the set was measured by words and meaning only")
-    first, fifth = shares(catalogue, FOURTH)
-    assert first >= 0.84
-    assert fifth >= 0.90
+    first, fifth = shares(catalogue, FIFTH)
+    assert first >= 0.71
+    assert fifth >= 0.86
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 """Hostile files: one clear error each, within limits of time and memory, and nothing is left behind.
 
-Each file is imported as a user would import it: by the job that writes a folder of assets, in its limited process.
-References to other folders need no such process, and are tested without it.
+Each file is imported as a user would import it: by the job that writes a folder of assets. Files with millions of
+triangles are imported in its limited process; files whose errors come before anything large is read need no such
+process, and are tested without it, because each start takes seconds.
 """
 
 from __future__ import annotations
@@ -228,6 +229,7 @@ def test_a_text_with_millions_of_triangles_is_refused(folder, monkeypatch):
         read_mesh_file(folder / "a.obj")
 
 
+@pytest.mark.usefixtures("imports_here")
 def test_vertices_that_are_not_numbers_are_refused(folder):
     form, binary = triangle_form([(0, 0, 0), (np.nan, 0, 0), (0, np.inf, 0.1)])
     (folder / "a.glb").write_bytes(glb(form, binary))
@@ -244,11 +246,52 @@ def test_a_file_that_is_cut_off_is_refused_wherever_it_ends(folder):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.usefixtures("imports_here")
 def test_an_accessor_that_promises_gigabytes_is_refused(folder):
     form, binary = triangle_form(CORNERS)
     form["accessors"][0]["count"] = 2_000_000_000
     (folder / "a.glb").write_bytes(glb(form, binary))
     refused(folder, "a.glb", "cannot be read")
+
+
+def test_a_sparse_accessor_of_a_surface_is_refused(folder):
+    """The reader of glTF drops the replaced values, which gives another shape."""
+    form, binary = triangle_form(CORNERS)
+    sparse = {"count": 1, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}}
+    form["accessors"].append({**form["accessors"][0], "sparse": sparse})
+    (folder / "a.glb").write_bytes(glb(form, binary))
+    assert read_mesh_file(folder / "a.glb").face_count == 1, "no surface uses the accessor"
+    form["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = 1
+    (folder / "a.glb").write_bytes(glb(form, binary))
+    with pytest.raises(InvalidInputError, match="sparse accessor"):
+        read_mesh_file(folder / "a.glb")
+
+
+@pytest.mark.parametrize("face", ["f 0 1 2", "f 1 2 0", "f 1/1 0/2 3/3", "f 1 2 3 0"])
+def test_a_triangle_of_vertex_zero_is_refused(folder, face):
+    """Vertices of OBJ are counted from 1, and a reader that takes 0 for the last vertex gives another shape."""
+    (folder / "a.obj").write_text(f"v 0 0 0\nv 0.1 0 0\nv 0 0.1 0.1\nv 0.1 0.1 0\nvt 0 0\nvt 1 0\nvt 0 1\n{face}\n")
+    with pytest.raises(InvalidInputError, match="vertex 0"):
+        read_mesh_file(folder / "a.obj")
+    (folder / "a.obj").write_text(f"o box 0 0\n# f 0 1 2\n{TRIANGLE}f 10 20 30\n".replace("f 10 20 30\n", ""))
+    assert read_mesh_file(folder / "a.obj").face_count == 1
+
+
+def test_two_links_with_one_name_are_refused(folder):
+    shape = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+    (folder / "a.urdf").write_text(f'<robot name="r"><link name="a">{shape}</link><link name="a"/></robot>')
+    with pytest.raises(InvalidInputError, match="two links have the name 'a'"):
+        read_object(folder / "a.urdf", FolderResolver(folder, "a.urdf"))
+
+
+@pytest.mark.parametrize("size", ['nkey="1000000000"', 'memory="900G"', 'nuserdata="2000000000"', 'njmax="100"'])
+def test_the_memory_that_a_prop_asks_for_is_not_reserved(folder, size):
+    """A prop needs none, and MuJoCo spends minutes on a billion of key frames."""
+    body = '<worldbody><body><geom type="box" size="0.1 0.1 0.1"/></body></worldbody>'
+    (folder / "a.xml").write_text(f"<mujoco><size {size}/>{body}</mujoco>")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert read_object(folder / "a.xml", FolderResolver(folder, "a.xml")).face_count == 12
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10 < PARENT_MB
 
 
 def test_draco_without_its_decoder_is_named_with_the_cure(folder, monkeypatch):
@@ -267,6 +310,7 @@ def test_draco_without_its_decoder_is_named_with_the_cure(folder, monkeypatch):
         read_mesh_file(folder / "a.glb")
 
 
+@pytest.mark.usefixtures("imports_here")
 @pytest.mark.parametrize("kind", ["mtl", "mjcf"])
 def test_a_picture_of_gigabytes_is_refused_before_it_is_unpacked(folder, kind):
     """A small PNG file whose picture has 81 million pixels: a zip bomb."""

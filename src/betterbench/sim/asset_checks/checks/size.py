@@ -16,8 +16,11 @@ def size(subject: Subject) -> Finding:
     else:
         low, high = kind.low_m / limits.SIZE_FACTOR, kind.high_m * limits.SIZE_FACTOR
         of = f"a {kind.name}"
-    said = f"longest side {100 * longest:.3g} cm, usual for {of}: {100 * low:.2g} to {100 * high:.2g} cm"
     nearest = high if longest > high else low
+    # As many digits as it takes to see that a size is outside of the limits.
+    digits = next((n for n in range(3, 9) if f"{100 * longest:.{n}g}" != f"{100 * nearest:.{n}g}"), 9)
+    shown = (f"{100 * length:.{digits}g}" for length in (longest, low, high))
+    said = "longest side {} cm, usual for {of}: {} to {} cm".format(*shown, of=of)
     return Finding(
         100 * longest, 100 * nearest, "cm", not low <= longest <= high, said, "Give its longest side with --size-m"
     )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import functools
-import importlib.resources
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from betterbench.sim.assets.catalogue.lists import entries_by_name, list_lines
 from betterbench.sim.assets.catalogue.terms import terms
 
 _COLOR_WORDS = """
@@ -36,7 +36,12 @@ stack stick tube
 """
 _MEASURES = frozenset(_COUNTED.split())
 """Head nouns that may be measure words: in "a slice of tomato", both nouns are used."""
+_MANY = "appliance container device gadget implement instrument machine tool utensil vessel"
+_CLASSES = frozenset(_MANY.split())
+"""Nouns for many kinds of objects, which do not name one."""
 _LONGEST_PHRASE = 5
+_BEFORE_THE_NOUN = 0.4
+"""Weight of a variety or brand before another noun."""
 _COLOR_WEIGHT, _OTHER_WEIGHT, _HEAD_WEIGHT = 0.35, 0.55, 1.0
 _SYNONYM, _KIND = 0.95, 0.8
 
@@ -70,6 +75,8 @@ class Query:
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
         words: Terms of the query that say something.
         colors: Colors that the query names.
+        beside: Words after those that name the object, such as the other objects of its use.
+        kinds: Names of kinds of which the query names a variety or brand, with a weight in (0, 1].
     """
 
     text: str
@@ -79,6 +86,8 @@ class Query:
     head: str
     words: tuple[str, ...]
     colors: tuple[str, ...]
+    beside: tuple[str, ...]
+    kinds: Mapping[str, float]
 
 
 @functools.cache
@@ -93,10 +102,8 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
         means = found.setdefault(tuple(terms(phrase)), {})
         means[tuple(terms(other))] = max(weight, means.get(tuple(terms(other)), 0.0))
 
-    text = importlib.resources.files(__package__).joinpath("words.txt").read_text(encoding="utf-8")
-    for line in text.splitlines():
-        said = line.partition("#")[0].strip()
-        asked, _, shown = said.partition(">")
+    for line in list_lines("words.txt"):
+        asked, _, shown = line.partition(">")
         same = [phrase for phrase in asked.split("=") if phrase.strip()]
         for phrase in same:
             # The catalogue may contain the words after ">" as well as the synonyms of the query.
@@ -105,7 +112,20 @@ def word_list() -> dict[tuple[str, ...], tuple[tuple[tuple[str, ...], float], ..
             for other in same:
                 if terms(phrase) != terms(other):
                     add(phrase, other, _SYNONYM)
+    for kind, varieties in entries_by_name("varieties.txt", ","):
+        for variety in varieties:
+            add(variety, kind, _SYNONYM)
     return {phrase: tuple(means.items()) for phrase, means in found.items()}
+
+
+@functools.cache
+def variety_list() -> dict[tuple[str, ...], tuple[str, ...]]:
+    """Return, for each listed variety or brand as terms, the names of its kinds."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for kind, varieties in entries_by_name("varieties.txt", ","):
+        for variety in varieties:
+            found.setdefault(tuple(terms(variety)), []).append(kind)
+    return {variety: tuple(kinds) for variety, kinds in found.items()}
 
 
 def understood(text: str, *, expander: Expander | None = None) -> Query:
@@ -135,8 +155,39 @@ def understood(text: str, *, expander: Expander | None = None) -> Query:
     colors = tuple(word for word in words if word in COLORS)
     asked = tuple(dict.fromkeys([text, *further]))
     said = tuple(word for word in words if word not in SAYS_LITTLE)
+    kinds = _kinds_of_varieties(words, head)
     every = tuple(dict.fromkeys([*readings, *further]))
-    return Query(text, tuple(concepts), every, asked, _head_part(text), said, colors)
+    return Query(text, tuple(concepts), every, asked, _head_part(text), said, colors, _beside(words, head), kinds)
+
+
+def _kinds_of_varieties(words: Sequence[str], head: int) -> dict[str, float]:
+    """Return the kinds of the varieties and brands in the part of the query that names the object.
+
+    A variety that is the noun itself has the full weight: "a green granny smith". Before another noun it has less,
+    because the noun may name another object: "a cheddar sandwich".
+    """
+    if head < 0 or is_use(words):
+        return {}
+    known, found = variety_list(), dict[str, float]()
+    for start in range(head + 1):
+        for end in range(start + 1, min(start + _LONGEST_PHRASE, len(words)) + 1):
+            for kind in known.get(tuple(words[start:end]), ()):
+                found[kind] = max(1.0 if end > head else _BEFORE_THE_NOUN, found.get(kind, 0.0))
+    return found
+
+
+def is_use(words: Sequence[str]) -> bool:
+    """Return whether a query describes an object by its use only: "it opens wine", "you eat soup from it"."""
+    names = len(words) > 1 and words[0] in ("it", "this", "that", "what") and words[1] in ("is", "s")
+    return bool(words) and not names and (words[0] in _ASKS or words[-1] in ("it", "them", "this"))
+
+
+def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
+    """Return words beside the object: all of "you serve a steak on it", and "steak" in "a plate for steak"."""
+    if is_use(words):
+        return tuple(words)
+    after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))
+    return tuple(words[after:]) if head >= 0 else ()
 
 
 def _without_verb(words: Sequence[str]) -> list[str]:
@@ -156,7 +207,7 @@ def _head_part(text: str) -> str:
         said = terms(word)
         if named and word.lower() in AFTER_THE_HEAD and word.lower() != "of":
             return " ".join(words[:place])
-        named = named or any(one not in SAYS_LITTLE for one in said)
+        named = named or any(one not in SAYS_LITTLE and one not in _CLASSES for one in said)
     return text
 
 

@@ -6,22 +6,26 @@ import functools
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
-from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE
-from betterbench.sim.assets.catalogue.kinds import listed_kinds
+from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE, Query
+from betterbench.sim.assets.catalogue.kinds import kinds_named, listed_kinds, number_of
 from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.sim.assets.catalogue.vectors import text_digest
 
 HEAD_SHARE = 0.2
 """Weight of the head of a query in the similarity to a kind; the rest is the weight of the whole query."""
 WORDS_SHARE = 0.2
-"""Weight of the words that a query shares with the texts of a kind, in addition to the mean cosine."""
+"""Weight of the words that a query shares with the texts of a kind, beside the mean cosine."""
+VARIETY_SHARE = 0.6
+"""Share by which a variety or brand of the kind moves the similarity towards the largest one."""
+BESIDE_LOSS = 0.05
+"""Loss of a kind that the query names as another object of the use: the steak in "you serve a steak on it"."""
 _COUNTED = 2
 """Number of nearest texts of a kind in the mean cosine, which worked better than the largest cosine."""
 _ENDING, _LONG = re.compile(r"(ing|ed|er|e|y)$"), 4
@@ -86,20 +90,29 @@ class KindIndex:
         found = Counter(stem for stems in self._words for stem in stems)
         self._rarity = {stem: math.log(1.0 + len(self._words) / total) for stem, total in found.items()}
 
-    def likeness(self, asked: np.ndarray, head: np.ndarray, words: Sequence[str]) -> np.ndarray:
+    def likeness(self, asked: np.ndarray, head: np.ndarray, query: Query) -> np.ndarray:
         """Return the similarity of a query to each kind, (kinds,) float32; -1 for a kind without rows.
 
         Args:
             asked: Unit vectors of the query and of further descriptions, (m, dimension); the nearest vector is used.
             head: Unit vector of the head of the query, (dimension,).
-            words: Terms of the query.
+            query: The query, with its words, varieties and the other objects that it names.
         """
         found = np.full(self._size, -1.0, np.float32)
         if len(self._kinds):
             *near, near_head = self._nearest(np.vstack([asked, head]))
             found[self._kinds] = (1.0 - HEAD_SHARE) * np.max(near, axis=0) + HEAD_SHARE * near_head
-            found[self._kinds] += WORDS_SHARE * self._shared(words)
+            found[self._kinds] += WORDS_SHARE * self._shared(query.words)
+            for kind in self._held(kinds_named(query.beside)):
+                found[kind] -= BESIDE_LOSS
+            for name, weight in query.kinds.items():
+                for kind in self._held({number_of(name)}):
+                    found[kind] += VARIETY_SHARE * weight * (1.0 + WORDS_SHARE - found[kind])
         return found
+
+    def _held(self, kinds: Iterable[int]) -> list[int]:
+        """Return those of the kinds that have rows."""
+        return sorted(set(kinds) & set(self._kinds.tolist()))
 
     def _shared(self, words: Sequence[str]) -> np.ndarray:
         """Return the share of a query's words in the texts of each kind, (kinds,), with more weight on rare words."""

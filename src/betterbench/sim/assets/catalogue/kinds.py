@@ -1,4 +1,4 @@
-"""Kinds of objects with descriptions of definition, appearance and use, from the list ``kinds.txt``.
+"""Kinds of objects with descriptions of definition, appearance and use, from ``kinds.txt`` and ``uses.txt``.
 
 The name of a mesh contains little information. A query such as "it opens wine bottles" is therefore compared with the
 descriptions of a kind, and the result applies to every row of this kind.
@@ -7,12 +7,12 @@ descriptions of a kind, and the result applies to every row of this kind.
 from __future__ import annotations
 
 import functools
-import importlib.resources
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import AFTER_THE_HEAD, COLORS
+from betterbench.sim.assets.catalogue.lists import entries_by_name, list_lines
 from betterbench.sim.assets.catalogue.terms import terms
 
 
@@ -22,7 +22,7 @@ class Kind:
 
     Attributes:
         names: Names; a row whose name contains one of them belongs to the kind.
-        descriptions: Descriptions in plain words.
+        descriptions: Descriptions in plain words, and short statements of its uses and parts.
     """
 
     names: tuple[str, ...]
@@ -37,16 +37,19 @@ class Kind:
 @functools.cache
 def listed_kinds() -> tuple[Kind, ...]:
     """Return the kinds of the built-in list."""
-    text = importlib.resources.files(__package__).joinpath("kinds.txt").read_text(encoding="utf-8")
-    blocks: list[tuple[str, list[str]]] = []
-    for line in text.splitlines():
-        if not line.strip() or line.startswith("#"):
-            continue
+    blocks: list[tuple[list[str], list[str]]] = []
+    for line in list_lines("kinds.txt"):
         if line[0].isspace():
             blocks[-1][1].append(line.strip())
         else:
-            blocks.append((line, []))
-    return tuple(Kind(tuple(name.strip() for name in names.split("=")), tuple(said)) for names, said in blocks)
+            blocks.append(([name.strip() for name in line.split("=")], []))
+    known = {name for names, _ in blocks for name in names}
+    uses: dict[str, list[str]] = {}
+    for name, said in entries_by_name("uses.txt", ";"):
+        if name not in known:
+            raise ValueError(f"uses.txt names the kind {name!r}, which kinds.txt does not have")
+        uses.setdefault(name, []).extend(said)
+    return tuple(Kind(tuple(names), (*said, *(u for n in names for u in uses.get(n, ())))) for names, said in blocks)
 
 
 @functools.cache
@@ -57,6 +60,11 @@ def _numbers() -> dict[tuple[str, ...], int]:
         for name in kind.names:
             found.setdefault(tuple(terms(name)), number)
     return found
+
+
+def number_of(name: str) -> int:
+    """Return the number of the kind with a name; raise KeyError if no kind has it."""
+    return _numbers()[tuple(terms(name))]
 
 
 @functools.cache
@@ -73,6 +81,16 @@ def kind_of(entry: CatalogueEntry) -> int:
     words = terms(f"{entry.category} {entry.name}")
     best = max(_named(words), default=None)
     return -1 if best is None else best[-1]
+
+
+def kinds_named(words: Sequence[str]) -> frozenset[int]:
+    """Return the numbers of the kinds whose names occur among words, without names that are part of a longer one."""
+    spans = [(end - length, end, kind) for _, _, length, end, kind in _named(words)]
+    return frozenset(
+        kind
+        for start, end, kind in spans
+        if not any(a <= start and end <= b and (a, b) != (start, end) for a, b, _ in spans)
+    )
 
 
 def _named(words: Sequence[str]) -> Iterator[tuple[bool, bool, int, int, int]]:

@@ -283,7 +283,7 @@ class Catalogue:
         *vectors, head = self._encoder.encode([*query.readings, query.head])
         readings = np.array(vectors)
         asked = readings[[query.readings.index(text) for text in query.asked]]
-        likeness = kinds.likeness(asked, head, query.words)
+        likeness = kinds.likeness(asked, head, query)
         mask = self._mask(index, filters)
         found = [index.nearest(readings, mask, depth)[0], np.searchsorted(index.columns.rows, sorted(also))]
         for kind in np.argsort(-likeness, kind="stable")[:_BEST_KINDS].tolist():

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import fast_simplification
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from betterbench.sim.assets.asset import Texture, VisualPart
@@ -20,9 +22,20 @@ DENT_SHARE = 0.006
 """Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
 Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most
 0.5 %."""
+LOST_SHARE = 0.02
+"""Distance of a point of the original surface from the reduced one, as a share of the longest side, above which a part
+is lost: of a basket of wires, one bar."""
+_BOX_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+"""Triangles of a box with the corners of :func:`_box_of`, facing outward."""
 ATLAS = 512
 """Side of the painted picture [pixel]."""
 _PAINT_POINTS = 200_000
+_MOST_POINTS = 300_000
 _MOST_PLAIN_PARTS = 12
 _SIDES_APART = 0.03
 _AGGRESSION = 2.0
@@ -102,16 +115,90 @@ def _painted(mesh: RawMesh) -> VisualPart:
 
 
 def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a surface of 600 triangles, or of 1,200 if it would be dented."""
-    points, triangles = reduced(vertices, faces, FACE_BUDGET)
-    if len(triangles) == len(faces):
-        return points, triangles
+    """Return a surface of 600 triangles, or of 1,200 if it would be dented or lose parts."""
+    if len(faces) <= FACE_BUDGET:
+        return vertices, faces
+    points, triangles = vertices, faces
     size = float(np.ptp(vertices, axis=0).max())
-    before, after = (spread(*surface, size / 120.0)[0] for surface in ((vertices, faces), (points, triangles)))
-    dent = max(_farthest(before, after), _farthest(after, before))
-    if dent - size / 240.0 <= DENT_SHARE * size:  # points are half a spacing apart
-        return points, triangles
-    return reduced(vertices, faces, THIN_FACE_BUDGET)
+    before = _some(spread(vertices, faces, size / 120.0)[0])
+    is_lost = False
+    for budget in (FACE_BUDGET, THIN_FACE_BUDGET):
+        points, triangles = reduced(vertices, faces, budget)
+        if len(triangles) == len(faces):
+            return points, triangles
+        after = _some(spread(points, triangles, size / 120.0)[0])
+        is_lost = bool(cKDTree(after).query(before)[0].max() > LOST_SHARE * size)
+        dent = max(_farthest(before, after), _farthest(after, before))
+        if not is_lost and dent - size / 240.0 <= DENT_SHARE * size:  # points are half a spacing apart
+            return points, triangles
+    whole = _reduced_parts(vertices, faces, THIN_FACE_BUDGET) if is_lost else None
+    return (points, triangles) if whole is None else whole
+
+
+def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return a surface whose separate parts, such as the wires of a basket, are reduced one by one.
+
+    A part that is about as large as its box becomes the box; the others share the remaining triangles by their area.
+    Returns None if the parts are one, or too many for the budget.
+    """
+    links = coo_array((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices), len(vertices)))
+    links = links + coo_array((np.ones(len(faces)), (faces[:, 1], faces[:, 2])), shape=links.shape)
+    label = connected_components(links, directed=False)[1][faces[:, 0]]
+    numbers = np.unique(label)
+    if not 1 < len(numbers) <= budget // len(_BOX_FACES):
+        return None
+    close = DENT_SHARE * float(np.ptp(vertices, axis=0).max())
+    pieces: list[tuple[np.ndarray, np.ndarray]] = []
+    others: list[tuple[float, np.ndarray, np.ndarray]] = []
+    for number in numbers.tolist():
+        used, own = np.unique(faces[label == number], return_inverse=True)
+        points, triangles = vertices[used], own.reshape(-1, 3)
+        box = _box_of(points)
+        if len(triangles) <= len(_BOX_FACES):
+            pieces.append((points, triangles))
+        elif _depth_below(points, box) <= close:
+            pieces.append((box, _BOX_FACES))
+        else:
+            a, b, c = (points[triangles[:, k]] for k in range(3))
+            others.append((float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()), points, triangles))
+    left = budget - sum(len(triangles) for _, triangles in pieces) - len(_BOX_FACES) * len(others)
+    total = sum(area for area, _, _ in others)
+    if left < 0:
+        return None
+    for area, points, triangles in others:
+        pieces.append(reduced(points, triangles, len(_BOX_FACES) + int(left * area / max(total, 1e-300))))
+    starts = np.cumsum([0, *(len(points) for points, _ in pieces)])
+    joined_faces = [triangles + start for (_, triangles), start in zip(pieces, starts, strict=False)]
+    return np.concatenate([points for points, _ in pieces]), np.concatenate(joined_faces)
+
+
+def _box_of(points: np.ndarray) -> np.ndarray:
+    """Return the corners (8, 3) of a box along the principal axes of points."""
+    middle = points.mean(axis=0)
+    _, _, axes = np.linalg.svd(points - middle, full_matrices=False)
+    if np.linalg.det(axes) < 0.0:
+        axes[2] *= -1.0
+    along = (points - middle) @ axes.T
+    ends = np.stack([along.min(axis=0), along.max(axis=0)])
+    corners = np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    return np.asarray(corners @ axes + middle)
+
+
+def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
+    """Return the largest distance between the surface of a box (8, 3) and points inside it; of a wire, its rounding."""
+    origin = box[0]
+    sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])
+    lengths = np.maximum(np.linalg.norm(sides, axis=1), 1e-300)
+    along = (points - origin) @ (sides / lengths[:, None]).T
+    inward = np.minimum(along, lengths - along)
+    # The corners of the box need points near them too: a ring fills the box of its points, but not its corners.
+    corners = cKDTree(points).query(box)[0].max()
+    return float(max(inward.min(axis=1).max(), corners))
+
+
+def _some(points: np.ndarray) -> np.ndarray:
+    """Return a part of too many points: long thin triangles get far more points than their area needs."""
+    return points[:: 1 + len(points) // _MOST_POINTS]
 
 
 def _farthest(points: np.ndarray, others: np.ndarray) -> float:

@@ -24,8 +24,8 @@ from betterbench.sim.assets.importing.importer import Imported, Wishes, import_m
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes
 
-VERSION = 6
-"""Version of the importer, incremented when the same file gives a different asset."""
+VERSION = 7
+"""Version of the importer; incremented when the same file gives another asset."""
 MAX_MEMORY_BYTES = 6 * 1024**3
 MAX_CPU_S = 120.0
 MAX_S = 900.0

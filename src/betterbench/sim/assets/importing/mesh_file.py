@@ -10,6 +10,7 @@ import base64
 import hashlib
 import io
 import os
+import re
 import struct
 import warnings
 from pathlib import Path, PurePosixPath
@@ -37,6 +38,8 @@ FORMATS = {".glb": "glb", ".gltf": "gltf", ".obj": "obj", ".stl": "stl", ".ply":
 _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf": ("y", 1.0)}
 """Up axis and unit [m] defined by a format (glTF 2.0, section 3.4); the other formats define neither."""
 
+_VERTEX_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n#]*[ \t])?0(?:[/ \t\r\n]|\Z)", re.MULTILINE)
+"""Line of an OBJ file with a triangle of vertex 0, which trimesh takes for the last vertex."""
 _CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
@@ -172,6 +175,8 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
     if kind in ("glb", "gltf"):
         _require_readable(data, kind, where)
+    if kind == "obj" and _VERTEX_ZERO.search(data) is not None:
+        raise InvalidInputError(where, "a triangle names vertex 0, and vertices of OBJ are counted from 1", _CURE)
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
@@ -213,6 +218,9 @@ def _require_readable(data: bytes, kind: str, where: str) -> None:
     """Check the header of a glTF file for content that trimesh would silently drop."""
     form = description_of(io.BytesIO(data), where, binary=kind == "glb")
     _check_embedded_pictures(data, form, where)
+    if _has_sparse_surface(form):
+        cure = "Export the object without sparse accessors"
+        raise InvalidInputError(where, "a surface has a sparse accessor, which is not read", cure)
     asked = form.get("extensionsRequired", [])
     if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
         raise InvalidInputError(where, "it does not list its extensions as glTF does", _CURE)
@@ -225,6 +233,18 @@ def _require_readable(data: bytes, kind: str, where: str) -> None:
             import DracoPy  # noqa: F401, PLC0415 - trimesh uses it automatically
         except ImportError as error:
             raise missing_extra(f"{where} is compressed with Draco, which needs DracoPy", "assets") from error
+
+
+def _has_sparse_surface(form: dict[str, Any]) -> bool:
+    """Return whether a surface of a glTF file uses a sparse accessor, whose values trimesh drops."""
+    try:
+        sparse = {number for number, accessor in enumerate(form.get("accessors", [])) if "sparse" in accessor}
+        surfaces = (
+            [surface for mesh in form.get("meshes", []) for surface in mesh.get("primitives", [])] if sparse else []
+        )
+        return any(sparse & {surface.get("indices"), *surface.get("attributes", {}).values()} for surface in surfaces)
+    except (TypeError, AttributeError):
+        return False  # not the form of glTF: the reader says so
 
 
 def _check_embedded_pictures(data: bytes, form: dict[str, Any], where: str) -> None:
@@ -275,7 +295,8 @@ def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene o
             uv,
             colors,
         )
-        found.append(part.moved(np.asarray(transform, dtype=np.float64)))
+        with np.errstate(all="ignore"):  # numbers that are not finite are reported later
+            found.append(part.moved(np.asarray(transform, dtype=np.float64)))
     return found
 
 

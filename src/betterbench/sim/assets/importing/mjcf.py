@@ -59,6 +59,8 @@ def read_mjcf(root: ET.Element, files: FolderResolver, where: str, *, freeze: bo
         InvalidInputError: If the file is not one rigid body, MuJoCo rejects it, or a part of it is not supported.
     """
     states_mass = _checked(root, where)
+    for size in root.findall("size"):  # a prop needs no reserved memory: a billion key frames take minutes
+        root.remove(size)
     assets = _with_bytes(root, files, where)
     try:
         model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"), assets)

@@ -60,7 +60,12 @@ class _Reader:
             self._colors |= self._color(material)
 
     def mesh(self, *, freeze: bool) -> RawMesh:
-        links = {self._named(link, "link"): link for link in self._root.findall("link")}
+        listed = [(self._named(link, "link"), link) for link in self._root.findall("link")]
+        links = dict(listed)
+        if len(links) < len(listed):
+            names = [name for name, _ in listed]
+            twin = next(name for k, name in enumerate(names) if name in names[:k])
+            raise self._wrong(f"two links have the name {twin!r}")
         shapes = sum(len(link.findall(tag)) for link in links.values() for tag in ("visual", "collision"))
         if not links:
             raise self._wrong("it has no link")

@@ -1,0 +1,22 @@
+"""Reading of the word lists beside this module."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Iterator
+
+
+def list_lines(file: str) -> Iterator[str]:
+    """Yield the lines of a list, without empty lines and comments."""
+    text = importlib.resources.files(__package__).joinpath(file).read_text(encoding="utf-8")
+    for line in text.splitlines():
+        said = line.partition("#")[0].rstrip()
+        if said:
+            yield said
+
+
+def entries_by_name(file: str, separator: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield the name and the entries of each line ``name: entry, entry`` of a list."""
+    for line in list_lines(file):
+        name, _, said = line.partition(":")
+        yield name.strip(), [part.strip() for part in said.split(separator) if part.strip()]
