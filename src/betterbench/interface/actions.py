@@ -290,6 +290,9 @@ OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
 PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
 """Action spaces in which motions planned in ``ee_delta`` can be expressed: itself, and absolute joint angles."""
 
+OWN_SPACES = (*ACTION_SPACES, *ROBOT_ACTION_SPACES)
+"""All action spaces of betterbench's own scenes."""
+
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
     components=("x", "y", "z", "roll", "pitch", "yaw", "gripper"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import re
 import sys
@@ -23,6 +24,7 @@ from betterbench.demonstrations.export.frames import frame_numbers, shown_images
 from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.episodes import Observer
 from betterbench.interface import observation_spec
+from betterbench.interface.actions import ROBOT_ACTION_SPACES
 from betterbench.policies.clients.checkpoint import Features
 from betterbench.policies.clients.lerobot import derive_adapter
 from betterbench.policies.conventions.adapter import set_entry
@@ -37,17 +39,31 @@ from validators import check_modality, read_v21, read_v30
 pytestmark = [pytest.mark.physics, pytest.mark.render]
 
 LAYOUTS = {name: layout_of(name) for name in OWN_PRESETS}
-WITH_DEFAULT_CAMERAS = [n for n, la in LAYOUTS.items() if (la.robot, la.observation.name) == ("panda", "default")]
-DELTAS = [n for n in WITH_DEFAULT_CAMERAS if OWN_PRESETS[n].answer.space == "ee_delta"]
+RECORDED = ("ee_delta", *ROBOT_ACTION_SPACES)
+"""Action spaces in which there are demonstrations."""
+OF_RECORDED = [
+    n for n, la in LAYOUTS.items() if la.observation.name == "default" and OWN_PRESETS[n].answer.space in RECORDED
+]
 OTHER_ROOM = re.compile(r"_(90|goal|object|spatial|living_room|study)$")
 """Ending of a preset that differs from the one that ends with _10 in the origin of LIBERO's world alone."""
 
 
 @pytest.fixture(scope="module")
-def drawn(demonstrations):
-    """The pictures of each record, drawn again from the run folder alone."""
-    with Pictures(observation_spec("default").cameras, "fast") as pictures:
-        return {t: list(pictures.of(demonstrations.run, r)) for t, r in demonstrations.records.items()}
+def drawn_in(demonstrations_in):
+    """The pictures of each record in an action space, drawn again from the run folder alone."""
+
+    @functools.cache
+    def draw(space):
+        made = demonstrations_in(space)
+        with Pictures(observation_spec("default").cameras, "fast") as pictures:
+            return {t: list(pictures.of(made.run, r)) for t, r in made.records.items()}
+
+    return draw
+
+
+@pytest.fixture(scope="module")
+def drawn(drawn_in):
+    return drawn_in("ee_delta")
 
 
 @pytest.fixture
@@ -130,10 +146,11 @@ def require_same_action(layout, stored: np.ndarray, record, row: int, observatio
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if OTHER_ROOM.search(n) else n for n in DELTAS]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if OTHER_ROOM.search(n) else n for n in OF_RECORDED]
 )
-def test_frames_of_every_preset_are_its_requests_and_answers(name, demonstrations, drawn):
-    layout = layout_of(name)
+def test_frames_of_every_preset_are_its_requests_and_answers(name, demonstrations_in, drawn_in):
+    layout, space = layout_of(name), OWN_PRESETS[name].answer.space
+    demonstrations, drawn = demonstrations_in(space), drawn_in(space)
     for trial, record in demonstrations.records.items():
         numbers = frame_numbers(record, layout)
         images = list(shown_images(record, layout, iter(drawn[trial])))
@@ -171,11 +188,12 @@ def require_same_episodes(episodes, layout, demonstrations, *, exact: bool) -> N
             require_same_action(layout, frame[layout.action.name], record, row, observation)
 
 
-def test_a_lerobot_data_set_without_loss_is_what_was_shown(demonstrations, kept, tmp_path, monkeypatch):
-    plan = plan_of(demonstrations, tmp_path / "set", "lerobot", "lerobot", form="png")
+@pytest.mark.parametrize("preset", ["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)])
+def test_a_lerobot_data_set_without_loss_is_what_was_shown(preset, demonstrations_in, tmp_path):
+    demonstrations = demonstrations_in(OWN_PRESETS[preset].answer.space)
+    plan = plan_of(demonstrations, tmp_path / "set", "lerobot", preset, form="png")
     export_dataset(plan)
     require_same_episodes(read_v30(plan.out), plan.layout, demonstrations, exact=True)
-    monkeypatch.setattr(check, "Pictures", kept)
     assert check_export(plan.runs, plan.out).worst_error == 0.0
 
 

@@ -60,7 +60,7 @@ def teleop_command(
         leader_id: Id of the leader arm's calibration.
     """
     from betterbench.browser.server import load_viser
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.demonstrations.teleop.controls import Controls
     from betterbench.demonstrations.teleop.page import Page
     from betterbench.demonstrations.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
@@ -69,7 +69,7 @@ def teleop_command(
     who, shown = person_named(name, "--name"), _cameras(cameras)
     plan = TeleopPlan(tasks, demos, condition, FIRST_TELEOPERATED_SEED if seed is None else seed)
     plan.starts()
-    prepare_robot("panda")
+    prepare_robots_of(tasks)
     controls = Controls()
     with ExitStack() as stack:
         stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id))

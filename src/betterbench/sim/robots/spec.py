@@ -10,7 +10,7 @@ import mujoco
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
-from betterbench.interface.actions import ActionSpace
+from betterbench.interface.actions import USUAL_ROBOT, ActionSpace
 from betterbench.sim.robots.jaws import Jaw
 
 Progress = Callable[[str, int, int], None]
@@ -242,7 +242,23 @@ def robot_of_space(action_space: str) -> RobotSpec:
     return known[action_space]
 
 
-def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
+def robot_space(name: str, action_space: str | None = None) -> str:
+    """Return an action space that a robot executes, by default its usual one.
+
+    Raises:
+        UnknownNameError: If the robot is unknown, or does not execute the action space.
+    """
+    known = robot(name)
+    if action_space is None:
+        return known.action_spaces[0]
+    if action_space not in known.action_spaces:
+        raise UnknownNameError(f"action space of the {known.title}", action_space, known.action_spaces)
+    return action_space
+
+
+def build_robot_spec(
+    name: str = USUAL_ROBOT, *, visuals: bool = True, progress: Progress | None = None
+) -> mujoco.MjSpec:
     """Return a new MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
     Physics is the same without visual meshes.
