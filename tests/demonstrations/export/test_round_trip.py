@@ -23,6 +23,7 @@ from betterbench.demonstrations.export import (
 from betterbench.demonstrations.export.frames import frame_numbers, shown_images
 from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.episodes import Observer
+from betterbench.errors import InvalidInputError
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import ROBOT_ACTION_SPACES
 from betterbench.policies.clients.checkpoint import Features
@@ -242,14 +243,23 @@ def test_a_robomimic_file_is_what_our_own_servers_are_shown(demonstrations, draw
     assert check_export(plan.runs, plan.out).worst_error == 0.0
 
 
-def test_a_checkpoint_trained_on_the_lerobot_layout_derives_the_same_adapter():
-    layout = layout_of("lerobot")
+@pytest.mark.parametrize("preset", ["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)])
+def test_a_checkpoint_trained_on_the_lerobot_layout_derives_the_same_adapter(preset):
+    layout = layout_of(preset)
+    space = layout.adapter.answer.space
+    option = f"?action_space={space}" if space in ROBOT_ACTION_SPACES else ""
     features = Features(
         {c.name: (c.height, c.width) for c in layout.images},
         {c.name: c.size for c in layout.states},
         layout.action.size,
     )
-    derived = derive_adapter(read_address("lerobot:outputs/act"), features)
+    derived = derive_adapter(read_address(f"lerobot:outputs/act{option}"), features)
     mine = layout.adapter
     assert (derived.views, derived.states, derived.instruction) == (mine.views, mine.states, mine.instruction)
     assert derived.answer == mine.answer
+
+
+def test_six_motors_without_units_are_refused_with_both_units():
+    features = Features({}, {"observation.state": 6}, 6)
+    with pytest.raises(InvalidInputError, match=r"Add action_space=NAME \(so101_degrees, so101_normalized\)"):
+        derive_adapter(read_address("lerobot:outputs/act"), features)
