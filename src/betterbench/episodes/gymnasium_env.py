@@ -151,10 +151,10 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Return the front camera's image, (256, 256, 3) uint8, in mode "rgb_array"."""
         if self.render_mode is None or self._scene is None:
             return None
-        if self._renderer is None or self._renderer.model is not self._scene.model:
+        if self._renderer is None or self._renderer.model is not self._scene.compiled.model:
             if self._renderer is not None:
                 self._renderer.close()
-            self._renderer = Renderer(self._scene.model, quality=self._quality)
+            self._renderer = Renderer(self._scene.compiled.model, quality=self._quality)
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
 from betterbench.interface.actions import USUAL_ROBOT, ActionSpace
 from betterbench.sim.robots.jaws import Jaw
+from betterbench.sim.robots.varied import VariedQuantity
 
 Progress = Callable[[str, int, int], None]
 """Called with (current work, steps done, total steps) during long work."""
@@ -115,6 +116,7 @@ class RobotSpec:
         wrist_camera: Camera on ``hand_body``.
         front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
         workspace: Distances of planned motions.
+        dynamics: Quantities of the dynamics that a trial draws; empty for a robot whose numbers are known.
     """
 
     name: str
@@ -152,6 +154,7 @@ class RobotSpec:
     wrist_camera: CameraMount
     front_camera: CameraMount | None
     workspace: Workspace
+    dynamics: tuple[VariedQuantity, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the per-joint tuples agree and that home is inside the limits."""
@@ -197,8 +200,11 @@ class RobotSpec:
         return "arm" if body in self.arm_bodies else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict for records and handshakes."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        """Return a JSON-serializable dict for records and handshakes, without dynamics that do not vary."""
+        form = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        if not self.dynamics:
+            del form["dynamics"]
+        return form
 
 
 class RobotBuilder(Protocol):
