@@ -72,7 +72,7 @@ def teleop_command(
     prepare_robots_of(tasks)
     controls = Controls()
     with ExitStack() as stack:
-        stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id))
+        stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id, task=tasks[0]))
         page = Page(controls, host=host, port=port, cameras=shown)
         stack.callback(page.close)
         store = stack.enter_context(DemonstrationStore(out, plan))
@@ -110,10 +110,14 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @contextmanager
-def _inputs(controls: Controls, devices: str, leader: str | None, port: str, identity: str) -> Iterator[None]:
+def _inputs(
+    controls: Controls, devices: str, leader: str | None, port: str, identity: str, *, task: str
+) -> Iterator[None]:
     """Read the devices of this machine inside the context; raise InvalidInputError if a named device cannot be read."""
     from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
-    from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader
+    from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader, motion_for
+    from betterbench.sim.robots import robot
+    from betterbench.tasks import get_task
 
     found = () if devices == "none" else find_devices()
     if devices not in ("auto", "none"):
@@ -129,6 +133,7 @@ def _inputs(controls: Controls, devices: str, leader: str | None, port: str, ide
             else:
                 say(f"reading the {device.kind} {device.name} ({device.path})")
         if leader is not None:
-            stack.callback(LeaderThread(connect_leader(leader, port, identity), controls).close)
+            motion = motion_for(robot(get_task(task).robot))
+            stack.callback(LeaderThread(connect_leader(leader, port, identity), controls, motion).close)
             say(f"following the leader arm at {port}")
         yield

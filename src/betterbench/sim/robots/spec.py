@@ -80,6 +80,26 @@ class Workspace:
 
 
 @dataclass(frozen=True, slots=True)
+class SteeringLimits:
+    """Limits of the tool positions to which an operator can send a robot, in its base frame.
+
+    Attributes:
+        center: Point from which the reach is measured [m].
+        back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m]:
+            the length of the gripper for an arm that keeps the rotation of its tool, 0 for an arm that tilts it.
+        longest_m: Largest distance of that point from the center [m].
+        nearest_m: Smallest horizontal distance of the tool from the center [m]: closer, the arm hits itself.
+        highest_m: Largest height of the tool [m].
+    """
+
+    center: Vector
+    back_m: float
+    longest_m: float
+    nearest_m: float
+    highest_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class RobotSpec:
     """Robot description, for controllers, scenes and experts.
 
@@ -116,6 +136,7 @@ class RobotSpec:
         wrist_camera: Camera on ``hand_body``.
         front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
         workspace: Distances of planned motions.
+        steering: Limits of an operator's targets; not part of the JSON form, because they change no results.
         dynamics: Quantities of the dynamics that a trial draws; empty for a robot whose numbers are known.
     """
 
@@ -154,6 +175,7 @@ class RobotSpec:
     wrist_camera: CameraMount
     front_camera: CameraMount | None
     workspace: Workspace
+    steering: SteeringLimits
     dynamics: tuple[VariedQuantity, ...] = ()
 
     def __post_init__(self) -> None:
@@ -202,6 +224,7 @@ class RobotSpec:
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict for records and handshakes, without dynamics that do not vary."""
         form = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        del form["steering"]
         if not self.dynamics:
             del form["dynamics"]
         return form

@@ -42,7 +42,15 @@ from betterbench.sim.robots.building import (
 from betterbench.sim.robots.jaws import HingedJaw
 from betterbench.sim.robots.meshes import MeshPart, parts_from_bytes
 from betterbench.sim.robots.physics import PHYSICS
-from betterbench.sim.robots.spec import CameraMount, IKWeights, Progress, RobotSpec, Workspace, register_robot
+from betterbench.sim.robots.spec import (
+    CameraMount,
+    IKWeights,
+    Progress,
+    RobotSpec,
+    SteeringLimits,
+    Workspace,
+    register_robot,
+)
 from betterbench.sim.robots.varied import VariedQuantity
 
 MESH_FILE = Path(__file__).parent / "meshes.npz"
@@ -301,6 +309,8 @@ SO101 = RobotSpec(
         leave_m=0.015,
         check_step_m=0.012,
     ),
+    # The tool tilts by up to 40 degrees at the edge of this sphere around the first axis at the height of the second.
+    steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.31, nearest_m=0.11, highest_m=0.24),
     # The first three numbers are borrowed from another robot, so their ranges are wide. The gains come from a model of
     # the motor, and firmware and supply voltage change them. Each servo has values of its own.
     dynamics=(
