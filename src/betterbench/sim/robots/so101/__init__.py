@@ -310,7 +310,7 @@ SO101 = RobotSpec(
         check_step_m=0.012,
     ),
     # The tool tilts by up to 40 degrees at the edge of this sphere around the first axis at the height of the second.
-    steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.31, nearest_m=0.11, highest_m=0.24),
+    steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.32, nearest_m=0.11, highest_m=0.24),
     # The first three numbers are borrowed from another robot, so their ranges are wide. The gains come from a model of
     # the motor, and firmware and supply voltage change them. Each servo has values of its own.
     dynamics=(
