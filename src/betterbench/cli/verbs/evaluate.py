@@ -14,7 +14,6 @@ import tyro
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot, RobotOption
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.quoting import default_name, shell_line, shell_word
 
 if TYPE_CHECKING:
@@ -355,18 +354,22 @@ def default_folder(policy: str) -> str:
     return default_name(policy, otherwise="policy")
 
 
-def prepare_robot(name: str = USUAL_ROBOT) -> None:
-    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them."""
+def prepare_robot(name: str | None = None) -> None:
+    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them.
+
+    Without a name, the usual robot is prepared.
+    """
+    from betterbench.interface.actions import USUAL_ROBOT
     from betterbench.sim.worlds import OWN_WORLD
 
-    _prepare(OWN_WORLD, name)
+    _prepare(OWN_WORLD, name or USUAL_ROBOT)
 
 
 def prepare_robots_of(tasks: Iterable[str]) -> None:
     """Prepare the robots that tasks are laid out for, or the usual robot without tasks."""
     from betterbench.tasks import get_task
 
-    for name in dict.fromkeys(get_task(task).robot for task in tasks) or (USUAL_ROBOT,):
+    for name in dict.fromkeys(get_task(task).robot for task in tasks) or (None,):
         prepare_robot(name)
 
 
