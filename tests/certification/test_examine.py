@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from tests.robots import ROBOTS, task_of
 
 from betterbench.certification import summaries
 from betterbench.certification.examine import _premise, _why_not, examine, examine_condition
-from betterbench.tasks import GoalTracker, Slot, Support, TrialId, all_tasks, get_task
+from betterbench.tasks import Expected, GoalTracker, Slot, Support, TrialId, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -29,9 +30,12 @@ def failed(found) -> tuple[str, ...]:
     return found.failed
 
 
-def test_a_sound_trial_passes_with_its_margins():
-    found = examine(TrialId("morning_coffee", "L1", 0))
-    assert found.passed
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_sound_trial_passes_with_its_margins(name):
+    task = get_task(task_of(name))
+    seen = next(v.name for v in task.variations if (v.support, v.expected) == (Support.SEEN, Expected.SUCCEED))
+    found = examine(TrialId(task.id, seen, 0))
+    assert found.passed, {letter: found.clauses[letter].text for letter in found.failed}
     assert not found.training
     assert 0 < found.steps < found.step_limit
     assert 0.0 <= found.penetration_mm < 0.5
@@ -42,11 +46,12 @@ def test_a_sound_trial_passes_with_its_margins():
     assert found.expert_s > 0.0
 
 
-def test_examining_twice_finds_the_same():
+@pytest.mark.parametrize("name", ROBOTS)
+def test_examining_twice_finds_the_same(name):
     def without_time(found):
         return dataclasses.replace(found, expert_s=0.0, total_s=0.0)
 
-    subject = TrialId("morning_coffee", "T1", 1)
+    subject = TrialId(task_of(name), "T1", 1)
     assert without_time(examine(subject)) == without_time(examine(subject))
 
 

@@ -107,6 +107,10 @@ FOLDERS = {
     "shortcuts": (lambda made, out: ["shortcuts", str(made.strange), "--out", out], "shortcuts.md"),
     "generate": (lambda _, out: ["generate", "loose_packing", "--num", "2", "--out", out], "generate.json"),
     "recipe": (lambda _, out: ["recipe", "openpi", "--data", "sets/pi", "--out", out], "README.md"),
+    "place": (
+        lambda _, out: ["place", "--robot", "so101", "--tasks", "fast_food", "--no-measure", "--out", out],
+        "fast_food_so101.json",
+    ),
     "import-better": (lambda made, out: ["import-better", str(made.release), "--out", out], "audit.md"),
 }
 LONG = {

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from tests.robots import ROBOTS, moves_in, still_in, task_of, usual_space
 
 import betterbench
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
@@ -79,12 +80,19 @@ def test_importing_the_package_leaves_the_import_system_alone_and_imports_no_gym
     run(f"{before}; import betterbench; {after}")
 
 
-@pytest.mark.parametrize("task_id", [TASKS[0], *(pytest.param(t, marks=pytest.mark.slow) for t in TASKS[1:])])
+OF_ROBOTS = [task_of(name) for name in ROBOTS]
+
+
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # motors have units
+@pytest.mark.parametrize(
+    "task_id", [*OF_ROBOTS, *(pytest.param(t, marks=pytest.mark.slow) for t in TASKS if t not in OF_ROBOTS)]
+)
 def test_every_task_passes_gymnasium_s_checker(make, task_id):
     check_env(make(task_id).unwrapped, skip_render_check=True)
 
 
 @pytest.mark.render
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")
 @pytest.mark.parametrize("task_id", TASKS)
 def test_every_task_passes_the_checker_with_images(make, task_id):
     env = make(task_id, observation="default", render_mode="rgb_array")
@@ -106,13 +114,15 @@ def test_the_sentence_and_the_truth_are_in_info_and_not_in_the_observation(make)
     assert set(seen) == {"joint_positions", "joint_velocities", "ee_position", "ee_quaternion", "gripper_width"}
 
 
-def test_same_seed_same_life_and_other_seed_other_life(make):
+@pytest.mark.parametrize("task_id", OF_ROBOTS)
+def test_same_seed_same_life_and_other_seed_other_life(make, task_id):
     def life(seed):
-        env = make(variation="L1")
-        rows = [np.concatenate([np.ravel(v) for v in env.reset(seed=seed)[0].values()])]
-        draw = np.random.default_rng(0)
-        for _ in range(15):
-            seen = env.step(draw.uniform(-1, 1, 7).astype(np.float32))[0]
+        env = make(task_id, variation="L1")
+        seen = env.reset(seed=seed)[0]
+        rows = [np.concatenate([np.ravel(v) for v in seen.values()])]
+        still = still_in(task_id, seen["joint_positions"], seen["gripper_width"].item())
+        for action in moves_in(usual_space(task_id), still, 0, 15):
+            seen = env.step(action)[0]
             rows.append(np.concatenate([np.ravel(v) for v in seen.values()]))
         return np.array(rows), env.unwrapped._scene.data.qpos.tobytes()
 
@@ -133,28 +143,31 @@ def test_resets_without_a_seed_go_on_from_the_seeded_one(make):
     assert len(set(seeds())) == 3
 
 
-def test_a_seed_is_the_trial_of_that_seed(make):
+@pytest.mark.parametrize("task_id", OF_ROBOTS)
+def test_a_seed_is_the_trial_of_that_seed(make, task_id):
     from betterbench.episodes import Observer, TrialContext, run_episode
     from betterbench.interface import observation_spec
-    from betterbench.interface.actions import EE_DELTA
     from betterbench.sim.scenes import Scene
     from betterbench.sim.scenes.stage import quality_preset
     from betterbench.tasks import get_task
 
-    env = make(variation="train2")
-    env.reset(seed=6)
-    task = get_task("morning_coffee")
-    scene = Scene(task, task.train("train2"), seed=6, action_space=EE_DELTA, quality=quality_preset("fast"))
+    env, space = make(task_id, variation="train2"), usual_space(task_id)
+    seen, _ = env.reset(seed=6)
+    still = still_in(task_id, seen["joint_positions"], seen["gripper_width"].item())
+    task = get_task(task_id)
+    scene = Scene(task, task.train("train2"), seed=6, action_space=space, quality=quality_preset("fast"))
     scene.reset()
     assert env.unwrapped._scene.data.qpos.tobytes() == scene.data.qpos.tobytes()
     policy = Noop()
-    policy.reset(EpisodeStart("", 0, "ee_delta"))
+    policy.reset(EpisodeStart("", 0, space.name))
     record = run_episode(
         scene, policy, context=TrialContext("noop"), observer=Observer(observation_spec("state_only"))
     ).record
     for _ in range(20):
-        seen, *_ = env.step(STILL)
-    assert np.array_equal(seen["joint_positions"], record.joint_positions[20])
+        seen, *_ = env.step(still)
+    assert np.allclose(seen["joint_positions"], record.joint_positions[20], rtol=0.0, atol=1e-6)  # float32 actions
+    if space.is_delta:
+        assert np.array_equal(seen["joint_positions"], record.joint_positions[20])
 
 
 def test_an_episode_is_truncated_at_the_step_limit(make):
@@ -169,13 +182,15 @@ def test_an_episode_is_truncated_at_the_step_limit(make):
     assert info["step"] == limit
 
 
-def test_staying_still_where_nothing_is_to_be_done_is_rewarded_at_the_end(make):
-    env = make(variation="T1")
-    env.reset(seed=0)
+@pytest.mark.parametrize("task_id", OF_ROBOTS)
+def test_staying_still_where_nothing_is_to_be_done_is_rewarded_at_the_end(make, task_id):
+    env = make(task_id, variation="T1")
+    seen, _ = env.reset(seed=0)
+    still = still_in(task_id, seen["joint_positions"], seen["gripper_width"].item())
     rewards = []
     terminated = truncated = False
     while not (terminated or truncated):
-        _, reward, terminated, truncated, _ = env.step(STILL)
+        _, reward, terminated, truncated, _ = env.step(still)
         rewards.append(reward)
     assert terminated
     assert not truncated

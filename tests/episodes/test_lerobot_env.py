@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+from tests.robots import ROBOTS, task_of
 
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.episodes import envhub as hub
@@ -19,9 +20,10 @@ from betterbench.episodes.lerobot_task import STATES, LeRobotTaskEnv
 from betterbench.episodes.selection import select_conditions
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface import observation_spec
-from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.actions import EE_DELTA, action_space
 from betterbench.policies.conventions.presets import OPENPI_LIBERO
 from betterbench.policies.experts import make_expert
+from betterbench.sim.robots import robot
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import get_task, suite_tasks
@@ -47,10 +49,38 @@ def make():
 
 
 @pytest.mark.render
-def test_a_single_environment_passes_gymnasium_s_checker():
-    env = gymnasium.make(ENVIRONMENT_ID, task="fast_food", variation="L1", quality="fast")
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # motors have units
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_single_environment_passes_gymnasium_s_checker(name):
+    env = gymnasium.make(ENVIRONMENT_ID, task=task_of(name), variation="L1", quality="fast")
     check_env(env.unwrapped)
     env.close()
+
+
+STATE_CASES = [(name, "ee", 8) for name in ROBOTS] + [
+    (name, "joints", len(robot(name).arm_joints) + 1) for name in ROBOTS
+]
+
+
+@pytest.mark.parametrize(("name", "state", "size"), [*STATE_CASES, ("so101", "motors", 6)])
+def test_a_state_has_the_numbers_of_its_robot(name, state, size):
+    env = LeRobotTaskEnv(task_of(name), state=state, **BLIND)
+    try:
+        seen, _ = env.reset(seed=0)
+        assert env.action_space.shape == (action_space(robot(name).action_spaces[0]).dim,)
+        assert seen["agent_pos"].shape == env.observation_space["agent_pos"].shape == (size,)
+        assert env.observation_space["agent_pos"].contains(seen["agent_pos"])
+        if state == "motors":
+            degrees = np.degrees(env._scene.state().joint_positions)
+            assert seen["agent_pos"][:-1] == pytest.approx(degrees, abs=1e-3)
+            assert 50.0 < seen["agent_pos"][-1] <= 100.0
+    finally:
+        env.close()
+
+
+def test_motors_need_the_action_space_of_a_robots_own_motors():
+    with pytest.raises(InvalidInputError, match="'motors' is in the units of a robot's own motors, and the action"):
+        LeRobotTaskEnv("fast_food", state="motors", **BLIND)
 
 
 @pytest.mark.render
@@ -68,7 +98,9 @@ def test_it_shows_what_better_eval_shows():
         for camera, image in seen["pixels"].items():
             assert np.array_equal(image, shown.images[camera])
         assert np.array_equal(seen["agent_pos"], OPENPI_LIBERO.request(shown)["observation/state"])
-        assert np.array_equal(STATES["joints"](shown), np.float32([*shown.joint_positions, shown.gripper_width]))
+        assert np.array_equal(
+            STATES["joints"].read(shown, EE_DELTA), np.float32([*shown.joint_positions, shown.gripper_width])
+        )
         action = np.sin(step + np.arange(7)).astype(np.float32)
         seen, *_, info = env.step(action)
         scene.step(action.astype(np.float64))
@@ -86,7 +118,7 @@ def test_the_state_does_not_jump_where_the_tool_points_down():
     turns = []
     for quaternion in record.ee_quaternion:
         seen.ee_quaternion[:] = quaternion
-        turns.append(STATES["ee"](seen)[3:6])
+        turns.append(STATES["ee"].read(seen, EE_DELTA)[3:6])
     steps = np.abs(np.diff(turns, axis=0)).max(axis=1)
     assert record.outcome.success
     assert steps.max() < 0.3, "a step of the arm turns it by little"

@@ -193,7 +193,7 @@ def test_a_layout_of_another_robots_actions_is_refused():
         layout_of("openpi_droid", robot="so101")
 
 
-@pytest.mark.parametrize("verb", ["eval", "certify", "show", "collect", "serve", "doctor"])
+@pytest.mark.parametrize("verb", ["eval", "certify", "place", "show", "collect", "serve", "doctor"])
 def test_the_help_of_each_verb_names_every_robot(verb, capsys):
     with pytest.raises(SystemExit):
         main([verb, "--help"])

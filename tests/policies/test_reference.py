@@ -6,12 +6,19 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.robots import ROBOTS, task_of
 
+from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate, make_plan
-from betterbench.interface import EpisodeStart, Observation
+from betterbench.interface import EpisodeStart, Observation, observation_spec
+from betterbench.interface.actions import action_space
 from betterbench.policies import Noop, Random, Replay
+from betterbench.policies.factory import check_policy
 from betterbench.records import RunFolder
+from betterbench.sim.robots import robot
+from betterbench.sim.scenes import Scene, quality_preset
+from betterbench.tasks import get_task
 
 SEEN = Observation("Do it.", 0, {}, np.zeros(7), np.zeros(7), np.zeros(3), np.zeros(4), 0.08, {}, {})
 
@@ -27,6 +34,56 @@ def test_noop_holds_still_with_an_open_hand():
     policy.reset(EpisodeStart("Do it.", 0, "ee_delta"))
     assert policy.act(SEEN).tolist() == [0.0] * 6 + [-1.0]
     assert not policy.info.needs_images
+
+
+SPACES = [(name, space) for name in ROBOTS for space in robot(name).action_spaces]
+
+
+def life(name: str, space: str, policy: Noop | Random, steps: int = 25) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run a policy in a task of a robot; return its actions, and the joints [rad] at the start and at the end."""
+    task, declared = get_task(task_of(name)), action_space(space)
+    scene = Scene(task, task.training[0], seed=0, action_space=declared, quality=quality_preset("fast"))
+    observer = Observer(observation_spec("state_only"))
+    policy.reset(EpisodeStart("Do it.", 0, space))
+    state, actions = scene.reset(), []
+    begun = np.array(state.joint_positions)
+    for _ in range(steps):
+        actions.append(policy.act(observer.observe(scene, state)))
+        scene.step(actions[-1])
+        state = scene.state()
+    observer.close()
+    return np.array(actions), begun, np.array(state.joint_positions)
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize(("name", "space"), SPACES)
+def test_noop_keeps_every_robot_still_in_every_space(name, space):
+    actions, begun, ended = life(name, space, Noop())
+    assert actions.shape == (25, action_space(space).dim)
+    assert np.abs(ended - begun).max() < 0.01  # an arm without gravity compensation sags
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize(("name", "space"), [case for case in SPACES if case[1] != "ee_pose"])
+def test_random_moves_every_robot_within_the_bounds_and_repeats(name, space):
+    declared = action_space(space)
+    actions, begun, ended = life(name, space, Random())
+    assert ((actions >= declared.low) & (actions <= declared.high)).all()
+    assert np.abs(ended - begun).max() > 0.02
+    assert np.array_equal(life(name, space, Random())[0], actions)
+
+
+@pytest.mark.parametrize("policy", ["noop", "random"])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_reference_policies_answer_in_the_usual_space_of_every_robot(policy, name):
+    plan = make_plan(policy, tasks=(task_of(name),), trials=1)
+    assert plan.action_space == robot(name).action_spaces[0]
+    assert check_policy(policy, action_space=plan.action_space).action_space == plan.action_space
+
+
+def test_random_says_where_it_does_not_walk():
+    with pytest.raises(InvalidInputError, match="random answers in 'ee_delta', the run uses 'ee_pose'"):
+        check_policy("random", action_space="ee_pose")
 
 
 def test_random_repeats_with_episode_and_instruction_and_with_nothing_else():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from betterbench.certification.examine import watch_expert
 from betterbench.certification.handling import Put
 from betterbench.geometry import yaw_of
-from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT
+from betterbench.interface.actions import EE_DELTA
 from betterbench.json_form import strict_form
 from betterbench.sim.scenes import Scene, engine_version
 from betterbench.sim.scenes.stage import QUALITIES
@@ -68,13 +68,13 @@ def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...]
     return first, tuple(trial for c, trial in trials if c.preplaced)
 
 
-def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: str = USUAL_ROBOT) -> Demonstration:
+def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: str | None = None) -> Demonstration:
     """Run one demonstration of the expert and return its placements.
 
     Args:
         trial: A training condition and a seed of demonstrations.
         so_far: Earlier measurements of the task, for conditions that begin with pre-placed objects.
-        robot: Name of the robot.
+        robot: Name of the robot; by default the one that the task is laid out for.
     """
     task = get_task(trial.task)
     with measured_so_far(task.id, so_far):

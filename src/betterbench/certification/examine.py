@@ -13,7 +13,7 @@ from betterbench.certification.handling import Handling, Primitive
 from betterbench.certification.support import Found, TrainedSupport
 from betterbench.errors import PlanningError
 from betterbench.geometry import angle_between, distance
-from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT
+from betterbench.interface.actions import EE_DELTA
 from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.policies.experts import make_expert
 from betterbench.policies.experts.planner import Planner
@@ -63,8 +63,8 @@ class _Episode:
     seconds: float
 
 
-def examine(trial: TrialId, *, looks: Looks = "seen", robot: str = USUAL_ROBOT) -> TrialCertificate:
-    """Examine one trial and return the results, including failures. Raises UnknownNameError for an unknown trial."""
+def examine(trial: TrialId, *, looks: Looks = "seen", robot: str | None = None) -> TrialCertificate:
+    """Return the findings on one trial, including failures. Raises UnknownNameError for an unknown trial."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -81,7 +81,7 @@ def examine_condition(
     support: Support = Support.SEEN,
     training: bool = False,
     looks: Looks = "seen",
-    robot: str = USUAL_ROBOT,
+    robot: str | None = None,
 ) -> TrialCertificate:
     """Examine one seed of a condition, which need not be registered."""
     began = time.perf_counter()

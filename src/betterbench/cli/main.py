@@ -117,6 +117,7 @@ VERBS: dict[str, Verb] = {
     "show": Verb("show:show_command", "Draw a training scene beside a test scene.", takes_suite=True),
     "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
     "build": Verb("build:build_command", "Build certified tasks from scenarios."),
+    "place": Verb("place:place_command", "Lay tasks out for another robot and measure its reach."),
     "certify": Verb("certify:certify_command", "Certify that trials can be solved with trained motions."),
     "calibrate": Verb(
         "calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault.", takes_suite=True

@@ -4,20 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+import betterbench
+
+
+def _robot_folders() -> list[str]:
+    """Return the names of the robots, which are those of their folders, without importing MuJoCo for a help text."""
+    folder = Path(betterbench.__file__).parent / "sim" / "robots"
+    return sorted(path.parent.name for path in folder.glob("*/__init__.py"))
+
 
 @dataclass(frozen=True, slots=True)
 class RobotOption:
-    """The robot in the scenes.
+    """The robot in the scenes."""
 
-    Attributes:
-        robot: Robot in the scenes: panda or so101; default: the robot for which the (first) task is laid out.
-    """
-
-    robot: str | None = None
+    robot: Annotated[
+        str | None,
+        tyro.conf.arg(
+            help=f"Robot in the scenes: {' or '.join(_robot_folders())}; by default the one that the (first) task is "
+            "laid out for."
+        ),
+    ] = None
 
     @property
     def words(self) -> list[str]:

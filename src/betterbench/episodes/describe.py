@@ -50,6 +50,7 @@ def describe(scene: TrialScene, tracker: Tracker, context: TrialContext) -> Reco
         looks=found.looks,
         room=found.room,
         view_jitter=found.view_jitter,
+        robot_dynamics=found.dynamics,
         predicate_names=tracker.relation_names,
         subgoal_names=tracker.subgoal_names,
         demonstrator=context.demonstrator,

@@ -14,6 +14,7 @@ from betterbench.interface import Observation, ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space as action_space_named
 from betterbench.interface.state import WorldState
 from betterbench.sim.robots import robot as robot_named
+from betterbench.sim.robots import robot_space
 from betterbench.sim.scenes import Renderer, Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import GoalTracker, Truth, get_task, looks_named
@@ -44,7 +45,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         task: Task id.
         variation: Name of a variation or training condition; default: the first training condition.
         observation: Name of an observation preset.
-        action_space: Name of an action space.
+        action_space: Name of an action space; by default, the robot's usual one.
         quality: Name of a render preset.
         looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
         robot: Name of a robot; by default, the robot that the task is laid out for. Its joint measurements have as
@@ -60,7 +61,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         *,
         variation: str | None = None,
         observation: str = "default",
-        action_space: str = "ee_delta",
+        action_space: str | None = None,
         quality: str = "standard",
         looks: str = "seen",
         robot: str | None = None,
@@ -72,9 +73,9 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
         self._task, self._condition = found.task, found.condition
         self._spec: ObservationSpec = observation_spec(observation)
-        self._actions = action_space_named(action_space)
         self._quality, self._looks = quality_preset(quality), looks_named(looks)
         self._robot = robot or self._task.robot
+        self._actions = action_space_named(robot_space(self._robot, action_space))
         joints = len(robot_named(self._robot).arm_joints)
         self.render_mode = render_mode
         self._observer = Observer(self._spec)
@@ -150,10 +151,10 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Return the front camera's image, (256, 256, 3) uint8, in mode "rgb_array"."""
         if self.render_mode is None or self._scene is None:
             return None
-        if self._renderer is None or self._renderer.model is not self._scene.model:
+        if self._renderer is None or self._renderer.model is not self._scene.compiled.model:
             if self._renderer is not None:
                 self._renderer.close()
-            self._renderer = Renderer(self._scene.model, quality=self._quality)
+            self._renderer = Renderer(self._scene.compiled.model, quality=self._quality)
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:

@@ -24,8 +24,8 @@ __all__ = ["ENVIRONMENT_ID", "SETTINGS", "make_env"]
 ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
 """Gymnasium id of these environments, made without wrappers."""
 
-SETTINGS = ("state", "cameras", "observation", "action_space", "quality")
-"""Configuration options except the task, by their names in :class:`LeRobotTaskEnv`."""
+SETTINGS = ("state", "cameras", "observation", "action_space", "quality", "robot")
+"""Options of a configuration other than its task, by their names in :class:`LeRobotTaskEnv`."""
 
 gymnasium.register(
     ENVIRONMENT_ID,

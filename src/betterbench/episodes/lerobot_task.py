@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,17 +13,21 @@ from betterbench.episodes.gymnasium_env import TaskEnv
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
 from betterbench.interface import Observation
+from betterbench.interface.actions import OPENING_SPACES, ActionSpace
 from betterbench.interface.state import WorldState
+from betterbench.policies.conventions.proprioception import motor_positions
+from betterbench.sim.robots import robot as robot_named
 from betterbench.tasks import Truth
 
 
-def ee_state(seen: Observation) -> np.ndarray:
+def ee_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
     """Return the state for policies trained on LIBERO.
 
     Returns:
         (8,) float32: tool position [m], rotation vector [rad], continuous around a tool that points down, and the
         positions of both fingers [m], the second one negative, as in robosuite.
     """
+    del actions
     finger = 0.5 * seen.gripper_width
     w, x, y, z = seen.ee_quaternion.tolist()
     return np.array(
@@ -30,31 +35,80 @@ def ee_state(seen: Observation) -> np.ndarray:
     )
 
 
-def joint_state(seen: Observation) -> np.ndarray:
-    """Return the joints, (8,) float32: arm joint positions [rad] and the opening width [m]."""
+def joint_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
+    """Return the joints, (n + 1,) float32: arm joint positions [rad] and the opening width [m]."""
+    del actions
     return np.array([*seen.joint_positions, seen.gripper_width], dtype=np.float32)
 
 
-STATES: Mapping[str, Callable[[Observation], np.ndarray]] = {"ee": ee_state, "joints": joint_state}
-"""State layouts by name; both have eight numbers."""
+def motor_state(seen: Observation, actions: ActionSpace) -> np.ndarray:
+    """Return the motor positions, (n + 1,) float32, in the units of the action space, as LeRobot's robots report them.
 
-STATE_DIM = 8
+    The action space sets the positions of a robot's own motors.
+    """
+    return np.array(motor_positions(actions, seen), dtype=np.float32)
+
+
+def require_motors(actions: ActionSpace) -> None:
+    """Check that an action space sets the positions of a robot's own motors; raise InvalidInputError if not."""
+    if actions.name not in OPENING_SPACES:
+        raise InvalidInputError(
+            "state",
+            f"'motors' is in the units of a robot's own motors, and the action space is {actions.name!r}",
+            f"Give the action space {' or '.join(sorted(OPENING_SPACES))}, or the state 'joints'",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StateLayout:
+    """Layout of the state that a policy gets.
+
+    Attributes:
+        read: Returns the state, float32, of an observation in an episode with this action space.
+        size: Number of values; None for one value per arm joint and one for the gripper.
+        bound: Bound of each value, wider than all possible values.
+    """
+
+    read: Callable[[Observation, ActionSpace], np.ndarray]
+    size: int | None
+    bound: float
+
+    def size_for(self, robot: str) -> int:
+        """Return the number of values for a robot."""
+        return self.size or len(robot_named(robot).arm_joints) + 1
+
+
+# Joints are within 3.8 rad, rotation vectors within 2 pi and positions within meters; motors report up to 180 degrees.
+STATES: Mapping[str, StateLayout] = {
+    "ee": StateLayout(ee_state, 8, 7.0),
+    "joints": StateLayout(joint_state, None, 7.0),
+    "motors": StateLayout(motor_state, None, 200.0),
+}
+"""State layouts by name."""
+
+
+def state_layout(name: str) -> StateLayout:
+    """Return a state layout by name; raise UnknownNameError for an unknown name."""
+    if name not in STATES:
+        raise UnknownNameError("state layout", name, STATES)
+    return STATES[name]
 
 
 class LeRobotTaskEnv(TaskEnv):
     """Task under one condition, with LeRobot's observation keys.
 
     Observation: ``pixels``, one (height, width, 3) uint8 image per camera, upright as in ``better eval``, and
-    ``agent_pos`` (8,) float32. ``info["is_success"]`` is set at reset and at every step.
+    ``agent_pos``, the state, float32. ``info["is_success"]`` is set at reset and at every step.
 
     Args:
         task: Task id.
         variation: Name of a variation or training condition; default: the first training condition.
-        state: Name of the state layout, "ee" or "joints".
+        state: Name of the state layout, "ee", "joints" or "motors" (in the units of a robot's own action space).
         cameras: New names of the cameras ({"front": "image", "wrist": "image2"}); other cameras keep their names.
         observation: Name of an observation preset.
-        action_space: Name of an action space.
+        action_space: Name of an action space; by default, the robot's usual one.
         quality: Name of a render preset.
+        robot: Name of a robot; by default, the robot that the task is laid out for.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -66,8 +120,9 @@ class LeRobotTaskEnv(TaskEnv):
         state: str = "ee",
         cameras: Mapping[str, str] | None = None,
         observation: str = "default",
-        action_space: str = "ee_delta",
+        action_space: str | None = None,
         quality: str = "standard",
+        robot: str | None = None,
         render_mode: str | None = "rgb_array",
     ) -> None:
         """Check all names; scenes are compiled at reset."""
@@ -77,15 +132,17 @@ class LeRobotTaskEnv(TaskEnv):
             observation=observation,
             action_space=action_space,
             quality=quality,
+            robot=robot,
             render_mode=render_mode,
         )
-        if state not in STATES:
-            raise UnknownNameError("state layout", state, STATES)
+        layout = state_layout(state)
+        if layout is STATES["motors"]:
+            require_motors(self._actions)
         own = tuple(c.name for c in self._spec.cameras)
         for name in cameras or {}:
             if name not in own:
                 raise UnknownNameError(f"camera of the preset {observation!r}", name, own)
-        self._state_of = STATES[state]
+        self._state_of = layout.read
         self._names = {name: (cameras or {}).get(name, name) for name in own}
         if len(set(self._names.values())) < len(own):
             raise InvalidInputError("cameras", "two cameras have the same name", "Give each camera a different name")
@@ -97,9 +154,7 @@ class LeRobotTaskEnv(TaskEnv):
                         for c in self._spec.cameras
                     }
                 ),
-                # wider than all possible values: joints within 3.8 rad, rotation vectors within 2 pi, positions within
-                # meters
-                "agent_pos": spaces.Box(-7.0, 7.0, (STATE_DIM,), np.float32),
+                "agent_pos": spaces.Box(-layout.bound, layout.bound, (layout.size_for(self._robot),), np.float32),
             }
         )
         self.task = self._condition.id
@@ -111,7 +166,7 @@ class LeRobotTaskEnv(TaskEnv):
     def _form(self, seen: Observation) -> dict[str, Any]:
         return {
             "pixels": {self._names[name]: image for name, image in seen.images.items()},
-            "agent_pos": self._state_of(seen),
+            "agent_pos": self._state_of(seen, self._actions),
         }
 
     def _info(self, state: WorldState, truth: Truth, trial: int) -> dict[str, Any]:

@@ -13,15 +13,18 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector, rotate
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.interface.state import Region
 from betterbench.sim.assets import Asset, CollisionPart, build_unpainted, colors, looks, unseen_looks
 from betterbench.sim.assets.authoring.registry import Generator, generator_of
-from betterbench.sim.robots import PANDA
+from betterbench.sim.robots import robot
 from betterbench.tasks.condition import ObjectSpec
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
 
-WIDEST_GRASP_M = PANDA.gripper_opening_m - 0.006
-"""Maximum width of an object between the pads [m]: the gripper opening minus 3 mm on each side."""
+ROBOT = robot(USUAL_ROBOT)
+"""Robot that generated tasks are laid out for."""
+WIDEST_GRASP_M = ROBOT.gripper_opening_m - 0.006
+"""Largest width of an object between the pads [m]: the opening of the gripper, less 3 mm on each side."""
 LOW_M = 0.009
 """Minimum height of a grasp above the base of an object [m]. As measured, the expert finds free grasps at 9.8 mm (rolls
 of tape), but at 5.5 mm (thin stacks of napkins) the fingers touch the table."""
@@ -255,9 +258,9 @@ def require_finger_room(spec: ObjectSpec, support: ObjectSpec) -> None:
         InvalidInputError: If the fingers would come too close to a look of the support.
     """
     held = min(max((g.pose.position[2] for g in asset.grasps), default=0.0) for asset in assets_of(spec))
-    near, far = 0.5 * PANDA.gripper_opening_m, math.hypot(0.5 * PANDA.gripper_opening_m + FINGER_M[0], FINGER_M[1])
+    near, far = 0.5 * ROBOT.gripper_opening_m, math.hypot(0.5 * ROBOT.gripper_opening_m + FINGER_M[0], FINGER_M[1])
     for asset in assets_of(support):
-        tip = region_of(support, asset, "top").position[2] + RELEASE_GAP_M + held - PANDA.tip_below_tcp_m
+        tip = region_of(support, asset, "top").position[2] + RELEASE_GAP_M + held - ROBOT.tip_below_tcp_m
         surface = _height_between(asset, near, far)
         if tip - surface < CLEAR_M:
             problem = (

@@ -19,6 +19,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.generation.instruction_sense import instruction_problems
 from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.generation.vocabulary import belongs, domain_of, head_nouns
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.asset_checks.limits import LEAST_M, MASS_FACTOR, MOST_DENSITY, MOST_M, PAYLOAD_KG
 from betterbench.sim.assets.importing.kinds import kind_of
 from betterbench.sim.robots import robot
@@ -203,5 +204,5 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
 
 @functools.cache
 def gripper_opening_m() -> float:
-    """Return the largest opening of the gripper [m]."""
-    return robot("panda").gripper_opening_m
+    """Return the largest opening of the gripper [m]; generated tasks are laid out for the usual robot."""
+    return robot(USUAL_ROBOT).gripper_opening_m

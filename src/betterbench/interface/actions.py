@@ -293,6 +293,9 @@ OPENING_SPACES = frozenset(ROBOT_ACTION_SPACES)
 PLANNED_SPACES = (EE_DELTA.name, JOINT_POSITION.name, *ROBOT_ACTION_SPACES)
 """Action spaces that can express motions planned in ``ee_delta``: ``ee_delta`` itself, and absolute joint angles."""
 
+OWN_SPACES = (*ACTION_SPACES, *ROBOT_ACTION_SPACES)
+"""All action spaces of betterbench's own scenes."""
+
 CALVIN_RELATIVE = ActionSpace(
     name="calvin_relative",
     components=("x", "y", "z", "roll", "pitch", "yaw", "gripper"),

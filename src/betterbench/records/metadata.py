@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
@@ -83,6 +83,8 @@ class RecordMetadata:
         looks: Set of looks from which the run draws.
         room: Name of the trial's room.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
+        robot_dynamics: Drawn dynamics of the robot by quantity ("backlash" in rad, otherwise factors of the model's
+            numbers), one value per joint of the arm and the gripper; empty if they do not vary.
         predicate_names: Meaning of each column in ``predicates``.
         subgoal_names: Meaning of each column in ``subgoals``, in the instructed order.
         demonstrator: Source of the demonstration; None for an evaluated policy's trial.
@@ -115,12 +117,16 @@ class RecordMetadata:
     looks: Looks = "seen"
     room: str = ""
     view_jitter: ViewJitter = NO_JITTER
+    robot_dynamics: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     demonstrator: Demonstrator | None = None
     segments: tuple[SubgoalSegment, ...] = ()
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict; fields specific to demonstrations are only included for demonstrations."""
+        """Return a JSON-serializable dict, without an empty ``robot_dynamics``.
+
+        Only demonstrations include the fields of demonstrations.
+        """
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)
@@ -128,6 +134,9 @@ class RecordMetadata:
         form["engine"] = dict(self.engine)
         form["scene"] = self.scene.to_json()
         form["view_jitter"] = self.view_jitter.to_json()
+        del form["robot_dynamics"]
+        if self.robot_dynamics:
+            form["robot_dynamics"] = {name: list(values) for name, values in self.robot_dynamics.items()}
         del form["demonstrator"], form["segments"]
         if self.demonstrator is not None:
             form["demonstrator"] = self.demonstrator.to_json()

@@ -8,13 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tests.robots import moves_in, task_of
 
 from betterbench.demonstrations.export import pictures as pictures_module
 from betterbench.errors import PolicyError
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.interface.actions import action_space
 from betterbench.json_form import file_digest
+from betterbench.policies.kinds.noop import still_action
 from betterbench.records import JournalEntry, Outcome, Record, RunFolder
 from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
+from betterbench.sim.robots import robot_of_space
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -26,9 +30,8 @@ TRIALS = (TrialId("morning_coffee", "train1", 0), TrialId("morning_coffee", "tra
 class Keeper:
     """Moves about, opens and closes, and keeps what it was shown."""
 
-    info = PolicyInfo("keeper")
-
-    def __init__(self) -> None:
+    def __init__(self, space: str = "ee_delta") -> None:
+        self.info = PolicyInfo("keeper", space)
         self.seen: list[Observation] = []
 
     def reset(self, start: EpisodeStart) -> None:
@@ -38,6 +41,9 @@ class Keeper:
         if observation.step == STEPS:
             raise PolicyError("enough")
         self.seen.append(observation)
+        space = action_space(self.info.action_space)
+        if not space.is_delta:  # motors: within 2.5 % of their range
+            return moves_in(space, still_action(space, observation), int(self._draw.integers(1 << 31)), 1)[0]
         gripper = (-1.0, 0.0, 1.0)[observation.step % 3]
         return np.array([*self._draw.uniform(-0.4, 0.4, 3), *self._draw.uniform(-0.1, 0.1, 3), gripper])
 
@@ -54,6 +60,11 @@ class Demonstrations:
 
 def success(record: Record) -> Record:
     return dataclasses.replace(record, outcome=Outcome("success", True))
+
+
+def trials_in(space: str) -> tuple[TrialId, ...]:
+    """Two trials of the robot whose usual or own action space this is."""
+    return tuple(dataclasses.replace(trial, task=task_of(robot_of_space(space).name)) for trial in TRIALS)
 
 
 def start_run(path: Path, trials, *, policy: str = "keeper", action_space: str = "ee_delta") -> RunFolder:

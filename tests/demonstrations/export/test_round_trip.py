@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import re
 import sys
@@ -22,7 +23,9 @@ from betterbench.demonstrations.export import (
 from betterbench.demonstrations.export.frames import frame_numbers, shown_images
 from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.episodes import Observer
+from betterbench.errors import InvalidInputError
 from betterbench.interface import observation_spec
+from betterbench.interface.actions import ROBOT_ACTION_SPACES
 from betterbench.policies.clients.checkpoint import Features
 from betterbench.policies.clients.lerobot import derive_adapter
 from betterbench.policies.conventions.adapter import set_entry
@@ -37,17 +40,31 @@ from validators import check_modality, read_v21, read_v30
 pytestmark = [pytest.mark.physics, pytest.mark.render]
 
 LAYOUTS = {name: layout_of(name) for name in OWN_PRESETS}
-WITH_DEFAULT_CAMERAS = [n for n, la in LAYOUTS.items() if (la.robot, la.observation.name) == ("panda", "default")]
-DELTAS = [n for n in WITH_DEFAULT_CAMERAS if OWN_PRESETS[n].answer.space == "ee_delta"]
+RECORDED = ("ee_delta", *ROBOT_ACTION_SPACES)
+"""Action spaces in which there are demonstrations."""
+OF_RECORDED = [
+    n for n, la in LAYOUTS.items() if la.observation.name == "default" and OWN_PRESETS[n].answer.space in RECORDED
+]
 OTHER_ROOM = re.compile(r"_(90|goal|object|spatial|living_room|study)$")
 """Ending of a preset that differs from the one that ends with _10 in the origin of LIBERO's world alone."""
 
 
 @pytest.fixture(scope="module")
-def drawn(demonstrations):
-    """The pictures of each record, drawn again from the run folder alone."""
-    with Pictures(observation_spec("default").cameras, "fast") as pictures:
-        return {t: list(pictures.of(demonstrations.run, r)) for t, r in demonstrations.records.items()}
+def drawn_in(demonstrations_in):
+    """The pictures of each record in an action space, drawn again from the run folder alone."""
+
+    @functools.cache
+    def draw(space):
+        made = demonstrations_in(space)
+        with Pictures(observation_spec("default").cameras, "fast") as pictures:
+            return {t: list(pictures.of(made.run, r)) for t, r in made.records.items()}
+
+    return draw
+
+
+@pytest.fixture(scope="module")
+def drawn(drawn_in):
+    return drawn_in("ee_delta")
 
 
 @pytest.fixture
@@ -130,10 +147,11 @@ def require_same_action(layout, stored: np.ndarray, record, row: int, observatio
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if OTHER_ROOM.search(n) else n for n in DELTAS]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if OTHER_ROOM.search(n) else n for n in OF_RECORDED]
 )
-def test_frames_of_every_preset_are_its_requests_and_answers(name, demonstrations, drawn):
-    layout = layout_of(name)
+def test_frames_of_every_preset_are_its_requests_and_answers(name, demonstrations_in, drawn_in):
+    layout, space = layout_of(name), OWN_PRESETS[name].answer.space
+    demonstrations, drawn = demonstrations_in(space), drawn_in(space)
     for trial, record in demonstrations.records.items():
         numbers = frame_numbers(record, layout)
         images = list(shown_images(record, layout, iter(drawn[trial])))
@@ -171,11 +189,12 @@ def require_same_episodes(episodes, layout, demonstrations, *, exact: bool) -> N
             require_same_action(layout, frame[layout.action.name], record, row, observation)
 
 
-def test_a_lerobot_data_set_without_loss_is_what_was_shown(demonstrations, kept, tmp_path, monkeypatch):
-    plan = plan_of(demonstrations, tmp_path / "set", "lerobot", "lerobot", form="png")
+@pytest.mark.parametrize("preset", ["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)])
+def test_a_lerobot_data_set_without_loss_is_what_was_shown(preset, demonstrations_in, tmp_path):
+    demonstrations = demonstrations_in(OWN_PRESETS[preset].answer.space)
+    plan = plan_of(demonstrations, tmp_path / "set", "lerobot", preset, form="png")
     export_dataset(plan)
     require_same_episodes(read_v30(plan.out), plan.layout, demonstrations, exact=True)
-    monkeypatch.setattr(check, "Pictures", kept)
     assert check_export(plan.runs, plan.out).worst_error == 0.0
 
 
@@ -224,14 +243,23 @@ def test_a_robomimic_file_is_what_our_own_servers_are_shown(demonstrations, draw
     assert check_export(plan.runs, plan.out).worst_error == 0.0
 
 
-def test_a_checkpoint_trained_on_the_lerobot_layout_derives_the_same_adapter():
-    layout = layout_of("lerobot")
+@pytest.mark.parametrize("preset", ["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)])
+def test_a_checkpoint_trained_on_the_lerobot_layout_derives_the_same_adapter(preset):
+    layout = layout_of(preset)
+    space = layout.adapter.answer.space
+    option = f"?action_space={space}" if space in ROBOT_ACTION_SPACES else ""
     features = Features(
         {c.name: (c.height, c.width) for c in layout.images},
         {c.name: c.size for c in layout.states},
         layout.action.size,
     )
-    derived = derive_adapter(read_address("lerobot:outputs/act"), features)
+    derived = derive_adapter(read_address(f"lerobot:outputs/act{option}"), features)
     mine = layout.adapter
     assert (derived.views, derived.states, derived.instruction) == (mine.views, mine.states, mine.instruction)
     assert derived.answer == mine.answer
+
+
+def test_six_motors_without_units_are_refused_with_both_units():
+    features = Features({}, {"observation.state": 6}, 6)
+    with pytest.raises(InvalidInputError, match=r"Add action_space=NAME \(so101_degrees, so101_normalized\)"):
+        derive_adapter(read_address("lerobot:outputs/act"), features)

@@ -7,14 +7,26 @@ import math
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from betterbench.demonstrations.teleop.controls import Controls
-from betterbench.demonstrations.teleop.leader import JOINTS, SCALE, Follower, LeaderThread, connect_leader, leader_tool
+from betterbench.demonstrations.teleop.leader import (
+    JOINTS,
+    SCALE,
+    Follower,
+    LeaderThread,
+    Mirror,
+    connect_leader,
+    leader_tool,
+    motion_for,
+)
 from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.geometry import Pose, angle_between, distance, from_axis_angle
+from betterbench.sim.robots import PANDA, ArmIK
+from betterbench.sim.robots.so101 import SO101
 
 angles = st.fixed_dictionaries({name: st.floats(-90.0, 90.0) for name in JOINTS})
 HOME = dict.fromkeys(JOINTS, 0.0)
@@ -112,7 +124,7 @@ def until(controls, wanted):
 
 def test_the_tool_follows_from_where_it_is_and_takes_hold_anew():
     controls, leader = Controls(), FakeLeader()
-    thread = LeaderThread(leader, controls)
+    thread = LeaderThread(leader, controls, Follower())
     try:
         time.sleep(0.1)
         assert controls.take(0.0).drag is None  # there is no tool yet
@@ -130,6 +142,55 @@ def test_the_tool_follows_from_where_it_is_and_takes_hold_anew():
     finally:
         thread.close()
     assert not leader.is_connected
+
+
+def degrees_of(joints):
+    return {name: math.degrees(q) for name, q in zip(JOINTS, joints, strict=True)}
+
+
+def test_a_robot_with_the_leaders_joints_goes_where_its_joints_are():
+    assert isinstance(motion_for(PANDA), Follower)
+    mirror, ik = motion_for(SO101), ArmIK(SO101)
+    assert isinstance(mirror, Mirror)
+    home = np.array(SO101.home_joints)
+    away = np.add(home, [0.6, 0.2, -0.1, 0.1, 0.3])
+    assert mirror.tool(degrees_of(away)) == ik.forward(away)
+    mirror.take_hold(ik.forward(home), mirror.tool(degrees_of(away)))
+    assert mirror.follow(mirror.tool(degrees_of(away)), 0.0) == (None, False)  # not a jump, and no closing
+    near = mirror.tool(degrees_of(home + 0.05))
+    assert mirror.follow(near, 0.0) == (near, True)
+    assert mirror.follow(mirror.tool(degrees_of(away)), 100.0) == (mirror.tool(degrees_of(away)), False)
+    mirror.take_hold(ik.forward(home), mirror.tool(degrees_of(away)))  # undone
+    assert mirror.follow(mirror.tool(degrees_of(away)), 100.0)[0] is None
+    with pytest.raises(InvalidInputError, match="leader arm: elbow_flex is nan"):
+        mirror.tool({**HOME, "elbow_flex": math.nan})
+
+
+def test_the_thread_says_how_far_the_leader_is_and_then_leads_the_mirror():
+    controls, leader, ik = Controls(), FakeLeader(), ArmIK(SO101)
+    home = np.array(SO101.home_joints)
+
+    def turned(pan):
+        return np.add(home, [pan, 0.0, 0.0, 0.0, 0.0])
+
+    leader.degrees = degrees_of(turned(1.0))
+    thread = LeaderThread(leader, controls, motion_for(SO101))
+    try:
+        controls.hold_from(ik.forward(home))
+        for _ in range(200):
+            said = controls.take_problems()
+            if said:
+                break
+            time.sleep(0.01)
+        assert said == ["leader arm: it is 15 cm from the robot's tool; bring it within 5 cm, then the robot follows"]
+        assert controls.take(time.monotonic()).drag is None
+        leader.degrees = degrees_of(home)
+        until(controls, lambda a: a.drag)
+        leader.degrees = degrees_of(turned(0.5))
+        asked = until(controls, lambda a: a.drag and a.drag.position[1] < -0.05)
+        assert asked.drag.position == pytest.approx(ik.forward(turned(0.5)).position, abs=1e-9)
+    finally:
+        thread.close()
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from tests.daily import others_slow
+from tests.robots import ROBOTS, task_of
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene
@@ -25,14 +26,14 @@ SEEDS = (0, 7)
 
 
 @functools.lru_cache(maxsize=32)
-def scene(task_id: str, name: str, seed: int, robot: str = "panda") -> Scene:
+def scene(task_id: str, name: str, seed: int, robot: str | None = None) -> Scene:
     task = get_task(task_id)
     condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
     quality = quality_preset("fast")
     return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality, robot_name=robot)
 
 
-def pairs_of(task_id: str, seeds: Iterable[int], robot: str = "panda") -> Iterator[tuple[Scene, Scene, Changes]]:
+def pairs_of(task_id: str, seeds: Iterable[int], robot: str | None = None) -> Iterator[tuple[Scene, Scene, Changes]]:
     """The variations of a task with their twins and what is declared to change."""
     task = get_task(task_id)
     for seed, variation in itertools.product(seeds, task.variations):
@@ -44,10 +45,14 @@ SECOND = ("morning_coffee", "so101")
 """A task beside the second robot: the law holds out of its reach, too."""
 
 
-@pytest.fixture(scope="module", params=[*others_slow(TASKS, 2), pytest.param(SECOND, id="-".join(SECOND))])
+OF_ROBOTS = [task_of(name) for name in ROBOTS]
+REST = [name for name in TASKS if name not in OF_ROBOTS]
+
+
+@pytest.fixture(scope="module", params=[*OF_ROBOTS, *others_slow(REST, 2), pytest.param(SECOND, id="-".join(SECOND))])
 def pairs(request: pytest.FixtureRequest) -> list[tuple[Scene, Scene, Changes]]:
     """Tests that ask for pairs run task by task, so that each scene is built once."""
-    task_id, robot = request.param if isinstance(request.param, tuple) else (request.param, "panda")
+    task_id, robot = request.param if isinstance(request.param, tuple) else (request.param, None)
     return list(pairs_of(task_id, SEEDS, robot))
 
 

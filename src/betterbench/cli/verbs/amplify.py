@@ -54,8 +54,10 @@ def amplify_command(
     from betterbench.demonstrations.making.amplifier import AmplifierSettings
     from betterbench.demonstrations.making.production import SetProgress, amplify
     from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED
+    from betterbench.interface.actions import USUAL_ROBOT
+    from betterbench.records import RunFolder
 
-    prepare_robot("panda")
+    prepare_robot(str(RunFolder.open(sources).plan.get("robot", USUAL_ROBOT)))
     with progress_bar("amplify", 0) as (bar, shown):
 
         def told(progress: SetProgress) -> None:

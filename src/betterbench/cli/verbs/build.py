@@ -125,7 +125,7 @@ def build_and_tell(
     settings = Settings(seeds, demonstrations)
     processes = workers or os.cpu_count() or 1
     require_suite_name(name, where="--name")
-    prepare_robot("panda")
+    prepare_robot()
     with OutputFolder(out, "build", overwrite=overwrite):
         with progress_bar("build", len(scenarios)) as (bar, task):
 

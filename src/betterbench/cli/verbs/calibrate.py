@@ -70,7 +70,7 @@ def calibrate_command(
         overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
         json: Print the result as one JSON document at the end.
     """
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.diagnosis.measures.confusion import FAMILIES
     from betterbench.jobs.outputs import OutputFolder, is_run
 
@@ -81,7 +81,7 @@ def calibrate_command(
     )
     if family != "faulty":
         _family(family)
-    prepare_robot("panda")
+    prepare_robots_of(tasks)
     count = workers or os.cpu_count() or 1
     if power:
         out = out or Path("runs/power")

@@ -99,11 +99,11 @@ def _sign(made: MadeDataset, key: Path) -> None:
 
 
 def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, overwrite: bool) -> MadeDataset:
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.demonstrations.sets.build import make_dataset
 
     recipe.check()
-    prepare_robot("panda")
+    prepare_robots_of(recipe.tasks)
     with progress_bar("dataset", 0) as (bar, shown):
         shown_stage = ""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -355,11 +355,23 @@ def default_folder(policy: str) -> str:
     return default_name(policy, otherwise="policy")
 
 
-def prepare_robot(name: str) -> None:
-    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them."""
+def prepare_robot(name: str | None = None) -> None:
+    """Decimate a robot's meshes into the cache, with a progress bar; later runs reuse them.
+
+    Without a name, the usual robot is prepared.
+    """
+    from betterbench.interface.actions import USUAL_ROBOT
     from betterbench.sim.worlds import OWN_WORLD
 
-    _prepare(OWN_WORLD, name)
+    _prepare(OWN_WORLD, name or USUAL_ROBOT)
+
+
+def prepare_robots_of(tasks: Iterable[str]) -> None:
+    """Prepare the robots that tasks are laid out for, or the usual robot without tasks."""
+    from betterbench.tasks import get_task
+
+    for name in dict.fromkeys(get_task(task).robot for task in tasks) or (None,):
+        prepare_robot(name)
 
 
 def _prepare(world: World, robot: str) -> None:

@@ -57,7 +57,7 @@ def grow_and_tell(
 
     processes = workers or os.cpu_count() or 1
     prepared = prepare_growth(settings)
-    prepare_robot("panda")
+    prepare_robot()
 
     def write_so_far(growth: Growth) -> None:
         drawn = {p.stem.rpartition("-")[0]: f"{CARDS}/{p.name}" for p in sorted((out / CARDS).glob("*.jpg"))}

@@ -166,7 +166,7 @@ def _certify(
     from betterbench.certification import summaries
     from betterbench.certification.measuring import measure, write_demonstrations
     from betterbench.certification.runner import certify
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.evaluation import make_plan
     from betterbench.report.pages.certificate_page import write_certificate_page
     from betterbench.tasks import TrialId
@@ -174,7 +174,7 @@ def _certify(
 
     names = [one.built.task.id for one in imported if one.built.task is not None]
     load_task_files([out / suite])
-    prepare_robot("panda")
+    prepare_robots_of(names)
     folder = out / f"certificate-{suite.rpartition('-')[2]}"
     with progress_bar("measure", demonstrations * len(names)) as (bar, task):
 

@@ -89,7 +89,7 @@ def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, h
     who = person_named(author, "--author")
     of_folders = given == (Path("assets"),) and not given[0].exists()
     queue = folder_queue(_asset_folders()) if of_folders else queue_of(given, mesh_imports())
-    prepare_robot("panda")
+    prepare_robot()
     from betterbench.review.desk import ReviewDesk
     from betterbench.review.page import ReviewPage
     from betterbench.sim.assets.importing.review import ReviewJournal
@@ -103,7 +103,7 @@ def _review_objects(given: tuple[Path, ...], author: str | None, out: Path, *, h
 def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host: str, port: int) -> None:
     """Review the scenes of tasks."""
     from betterbench.browser.server import load_viser
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.review.scenes.queue import scene_queue
     from betterbench.tasks.authoring.registry import task_names
     from betterbench.tasks.user_files import code_of
@@ -111,7 +111,7 @@ def _review_scenes(tasks: Sequence[str], author: str | None, out: Path, *, host:
     load_viser()
     who = person_named(author, "--author")
     queue = scene_queue(tasks or [name for name in task_names() if code_of("task", name) is not None])
-    prepare_robot("panda")
+    prepare_robots_of(dict.fromkeys(scene.task.name for scene in queue))
     from betterbench.review.scenes.changes import SceneJournal
     from betterbench.review.scenes.desk import SceneDesk
     from betterbench.review.scenes.page import ScenePage

@@ -87,10 +87,10 @@ def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan
 
 
 def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | None) -> StudyOutcome:
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.learning.study.stages import run_study
 
-    prepare_robot("panda")
+    prepare_robots_of(plan.tasks)
     with progress_bar("study", 0) as (bar, row):
         shown = ("", "")
 

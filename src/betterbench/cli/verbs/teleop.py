@@ -60,7 +60,7 @@ def teleop_command(
         leader_id: Id of the leader arm's calibration.
     """
     from betterbench.browser.server import load_viser
-    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.cli.verbs.evaluate import prepare_robots_of
     from betterbench.demonstrations.teleop.controls import Controls
     from betterbench.demonstrations.teleop.page import Page
     from betterbench.demonstrations.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
@@ -69,10 +69,10 @@ def teleop_command(
     who, shown = person_named(name, "--name"), _cameras(cameras)
     plan = TeleopPlan(tasks, demos, condition, FIRST_TELEOPERATED_SEED if seed is None else seed)
     plan.starts()
-    prepare_robot("panda")
+    prepare_robots_of(tasks)
     controls = Controls()
     with ExitStack() as stack:
-        stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id))
+        stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id, task=tasks[0]))
         page = Page(controls, host=host, port=port, cameras=shown)
         stack.callback(page.close)
         store = stack.enter_context(DemonstrationStore(out, plan))
@@ -110,10 +110,14 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @contextmanager
-def _inputs(controls: Controls, devices: str, leader: str | None, port: str, identity: str) -> Iterator[None]:
-    """Read this machine's devices inside the context; raise InvalidInputError if a named device cannot be read."""
+def _inputs(
+    controls: Controls, devices: str, leader: str | None, port: str, identity: str, *, task: str
+) -> Iterator[None]:
+    """Read the devices of this machine inside the context; raise InvalidInputError if a named device cannot be read."""
     from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
-    from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader
+    from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader, motion_for
+    from betterbench.sim.robots import robot
+    from betterbench.tasks import get_task
 
     found = () if devices == "none" else find_devices()
     if devices not in ("auto", "none"):
@@ -129,6 +133,7 @@ def _inputs(controls: Controls, devices: str, leader: str | None, port: str, ide
             else:
                 say(f"reading the {device.kind} {device.name} ({device.path})")
         if leader is not None:
-            stack.callback(LeaderThread(connect_leader(leader, port, identity), controls).close)
+            motion = motion_for(robot(get_task(task).robot))
+            stack.callback(LeaderThread(connect_leader(leader, port, identity), controls, motion).close)
             say(f"following the leader arm at {port}")
         yield

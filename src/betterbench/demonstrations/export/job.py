@@ -28,7 +28,6 @@ from betterbench.demonstrations.export.robomimic import require_h5py, require_sa
 from betterbench.demonstrations.export.selection import ChosenTrial, Selection
 from betterbench.demonstrations.export.video import VIDEO_SETTINGS, require_even
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.evaluation.planning.plan import robot_space
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import OnCount, RunLock, counts, in_threads, run_items, write_durably
 from betterbench.jobs.durable import on_disk, remove_parts
@@ -39,6 +38,7 @@ from betterbench.policies.conventions.presets import LEROBOT_SO101, NATIVE
 from betterbench.quoting import shell_word
 from betterbench.records import Record, RunFolder
 from betterbench.records.twins import read_pairs
+from betterbench.sim.robots import robot_space
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, suite_tasks
 from betterbench.tasks.user_files import options_by_name

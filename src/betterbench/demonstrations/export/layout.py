@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.planning.plan import robot_space
 from betterbench.interface import CameraSpec, ObservationSpec, observation_spec
 from betterbench.interface.actions import ROBOT_ACTION_SPACES, USUAL_ROBOT, action_space
 from betterbench.policies.conventions.adapter import Adapter
@@ -22,7 +21,7 @@ from betterbench.policies.conventions.proprioception import StateRule
 from betterbench.policies.conventions.rotation import ROTATION_SIZES
 from betterbench.records import RunFolder
 from betterbench.sim.robots import robot as robot_named
-from betterbench.sim.robots import robot_of_space
+from betterbench.sim.robots import robot_of_space, robot_space
 
 NumberType = Literal["float32", "float64", "int64"]
 

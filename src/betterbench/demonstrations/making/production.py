@@ -274,7 +274,7 @@ def collect(
     attempts: int = 4,
     regime: Regime = "training",
     twins: bool = False,
-    robot: str = USUAL_ROBOT,
+    robot: str | None = None,
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
@@ -289,7 +289,7 @@ def collect(
         regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene get the same seeds and motion styles, so that the cause is the
             only difference.
-        robot: Name of the robot.
+        robot: Name of the robot; by default the one that the first task is laid out for.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
@@ -301,7 +301,8 @@ def collect(
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
-    method = Method(EXPERT, first_seed, attempts, regime=regime, twins=twins, robot=robot)
+    arm = robot or (get_task(tasks[0]).robot if tasks else USUAL_ROBOT)
+    method = Method(EXPERT, first_seed, attempts, regime=regime, twins=twins, robot=arm)
     return _produce(method, tasks, out, demos=demos, workers=workers, on_progress=on_progress)
 
 

@@ -1,7 +1,8 @@
 """LeRobot leader arm, read by lerobot's own teleoperator class and followed by the tool of the simulated arm.
 
-The leader has five joints and a different reach than the robot, so the robot follows its tool, not its joints: the
-motion of the leader's tool since the start of following, in the leader's base frame, is applied to the robot's tool.
+A robot with the leader's joints mirrors them: its tool goes where the leader's joint angles would put it, as soon as
+the operator has brought the leader to the robot. Any other robot has another reach. It follows the leader's tool: the
+tool's motion since following began, in the leader's base frame, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ import importlib
 import math
 import threading
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
 
 from betterbench.demonstrations.teleop.controls import Controls
 from betterbench.errors import BetterError, InvalidInputError, one_line
-from betterbench.geometry import Pose, Vector, from_axis_angle, multiply, normalize, turn_between
+from betterbench.geometry import Pose, Vector, distance, from_axis_angle, multiply, normalize, turn_between
 from betterbench.installation import missing_packages
+from betterbench.sim.robots import ArmIK, RobotSpec
 
 LEADERS = ("so101_leader", "so100_leader")
 """Leader arms with known kinematics."""
@@ -24,6 +28,8 @@ SCALE = 1.5
 """Motion of the robot's tool per unit of motion of the leader's tool, about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
 """Leader gripper positions (0 closed to 100 open) at which the robot's gripper closes and opens."""
+MEETING_M = 0.05
+"""Distance of the leader's tool from the robot's within which a robot with the leader's joints follows [m]."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
 """Maximum number of consecutive failed readings before the leader is disconnected: half a second."""
@@ -48,12 +54,22 @@ def leader_tool(degrees: Mapping[str, float]) -> Pose:
     """
     pose = Pose()
     for name, (point, axis) in zip(JOINTS, _SCREWS, strict=True):
-        angle = degrees.get(name, math.nan)
-        if not math.isfinite(angle):
-            raise InvalidInputError("leader arm", f"{name} is {angle}", "Check its cables and its calibration")
-        turn = from_axis_angle([math.radians(angle) * v for v in axis])
+        turn = from_axis_angle([math.radians(_angle(degrees, name)) * v for v in axis])
         pose = pose @ Pose(point) @ Pose((0.0, 0.0, 0.0), turn) @ Pose((-point[0], -point[1], -point[2]))
     return pose @ Pose(_TOOL_AT_ZERO)
+
+
+class LeaderMotion(Protocol):
+    """Conversion of leader readings to target poses for the robot's tool."""
+
+    def tool(self, degrees: Mapping[str, float]) -> Pose:
+        """Return the pose of the leader's tool in its base frame, from its joint angles [degree] by name."""
+
+    def take_hold(self, robot: Pose, leader: Pose) -> None:
+        """Start following from here: the robot's ``T_base_tcp``, and the leader's tool."""
+
+    def follow(self, leader: Pose, gripper: float) -> tuple[Pose | None, bool]:
+        """Return the target of the robot's tool, None to stay, and whether its gripper should be closed."""
 
 
 class Follower:
@@ -64,6 +80,10 @@ class Follower:
         self._leader: Pose | None = None
         self._robot = Pose()
         self._closed = False
+
+    def tool(self, degrees: Mapping[str, float]) -> Pose:
+        """Return :func:`leader_tool`."""
+        return leader_tool(degrees)
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
         """Start following from here: the robot's ``T_base_tcp``, and the leader's tool."""
@@ -80,9 +100,61 @@ class Follower:
         there, began = leader.position, self._leader.position
         x, y, z = (r + SCALE * (a - b) for r, a, b in zip(self._robot.position, there, began, strict=True))
         turn = turn_between(self._leader.quaternion, leader.quaternion)
-        if gripper < CLOSED_BELOW or gripper > OPEN_ABOVE:
-            self._closed = gripper < CLOSED_BELOW
+        self._closed = _closed(gripper, self._closed)
         return Pose((x, y, z), normalize(multiply(turn, self._robot.quaternion))), self._closed
+
+
+class Mirror:
+    """Conversion for a robot with the leader's joints: its tool goes where the leader's joint angles would put it.
+
+    The robot stays until the leader's tool has been within :data:`MEETING_M` of the robot's, so that it neither jumps
+    at the start nor returns to a place that was undone.
+    """
+
+    def __init__(self, spec: RobotSpec) -> None:
+        """Prepare; :meth:`take_hold` starts the wait for the leader."""
+        self._names, self._ik = spec.arm_joints, ArmIK(spec)
+        self._robot = Pose()
+        self._has_met, self._closed = False, False
+
+    def tool(self, degrees: Mapping[str, float]) -> Pose:
+        """Return the pose of the robot's tool at the leader's joint angles; raise InvalidInputError for a bad angle."""
+        return self._ik.forward(np.array([math.radians(_angle(degrees, name)) for name in self._names]))
+
+    def take_hold(self, robot: Pose, leader: Pose) -> None:
+        """Wait until the leader meets the robot's tool."""
+        self._robot = robot
+        self._has_met = distance(robot.position, leader.position) < MEETING_M
+
+    def follow(self, leader: Pose, gripper: float) -> tuple[Pose | None, bool]:
+        """Return the leader's tool once it has met the robot's, and whether the gripper should be closed.
+
+        Until then, the target is None and the gripper keeps its state.
+        """
+        if not self._has_met and distance(self._robot.position, leader.position) < MEETING_M:
+            self._has_met = True
+        if not self._has_met:
+            return None, self._closed
+        self._closed = _closed(gripper, self._closed)
+        return leader, self._closed
+
+
+def motion_for(spec: RobotSpec) -> LeaderMotion:
+    """Return the conversion for a robot: a mirror if it has the leader's joints."""
+    return Mirror(spec) if spec.arm_joints == JOINTS else Follower()
+
+
+def _closed(gripper: float, before: bool) -> bool:
+    """Return whether the gripper should be closed at a position of the leader's, 0 closed to 100 open."""
+    return gripper < CLOSED_BELOW if gripper < CLOSED_BELOW or gripper > OPEN_ABOVE else before
+
+
+def _angle(degrees: Mapping[str, float], name: str) -> float:
+    """Return the angle of a joint [degree]; raise InvalidInputError if it is missing or not finite."""
+    angle = degrees.get(name, math.nan)
+    if not math.isfinite(angle):
+        raise InvalidInputError("leader arm", f"{name} is {angle}", "Check its cables and its calibration")
+    return angle
 
 
 def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - lerobot's Teleoperator
@@ -134,9 +206,9 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
 class LeaderThread:
     """Thread that reads a connected leader into the controls until it is closed or disconnected."""
 
-    def __init__(self, leader: Any, controls: Controls) -> None:  # noqa: ANN401 - lerobot's Teleoperator
-        """Start reading."""
-        self._leader, self._controls = leader, controls
+    def __init__(self, leader: Any, controls: Controls, motion: LeaderMotion) -> None:  # noqa: ANN401 - lerobot's
+        """Start reading; ``motion`` converts the readings for the robot."""
+        self._leader, self._controls, self._motion = leader, controls, motion
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="teleop leader", daemon=True)
         self._thread.start()
@@ -151,8 +223,9 @@ class LeaderThread:
             self._controls.complain(f"leader arm: {problem}")
 
     def _run(self) -> None:
-        follower = Follower()
+        motion = self._motion
         held: int | None = None
+        is_apart = False
         failures = 0
         while not self._is_over.wait(1.0 / RATE_HZ):
             try:
@@ -172,9 +245,18 @@ class LeaderThread:
                 continue
             if held != grip:
                 held = grip
-                follower.take_hold(robot, tool)
-            pose, closed = follower.follow(tool, gripper)
-            self._controls.led(pose, closed=closed)
+                motion.take_hold(robot, tool)
+                is_apart = False
+            pose, closed = motion.follow(tool, gripper)
+            if pose is not None:
+                self._controls.led(pose, closed=closed)
+            elif not is_apart:
+                is_apart = True
+                away = 100.0 * distance(tool.position, robot.position)
+                self._controls.complain(
+                    f"leader arm: it is {away:.0f} cm from the robot's tool; bring it within "
+                    f"{100.0 * MEETING_M:.0f} cm, then the robot follows"
+                )
 
     def _read(self) -> tuple[Pose, float]:
         """Return the leader's tool in the frame of its base and its gripper, 0 closed to 100 open."""
@@ -182,4 +264,4 @@ class LeaderThread:
         gripper = read.get("gripper", math.nan)
         if not math.isfinite(gripper):
             raise InvalidInputError("leader arm", f"gripper is {gripper}", "Check its cables")
-        return leader_tool(read), gripper
+        return self._motion.tool(read), gripper

@@ -10,19 +10,10 @@ import numpy as np
 from betterbench.geometry import Pose, angle_between, distance, normalize, straight_way
 from betterbench.policies.experts.motion import FREE, delta_action
 from betterbench.sim.robots import RobotSpec
+from betterbench.sim.robots.spec import SteeringLimits
 
 LOWEST_TIP_M = 0.002
 """Minimum height of the fingertips above the table that the operator can command [m]."""
-SHOULDER_HEIGHT_M = 0.333
-"""Height of the Panda's second joint above its base [m] (Franka's data sheet), from which the reach is measured."""
-FLANGE_TO_TOOL_M = 0.21
-"""Distance between the tool center point and the flange [m], which reduces the reach when the tool points down."""
-REACH_SHARE = 0.97
-"""Share of the full reach that the operator can command, because a fully stretched arm cannot rotate."""
-NEAREST_M = 0.20
-"""Minimum horizontal distance from the base axis [m], below which the arm would hit itself."""
-HIGHEST_M = 0.75
-"""Largest height of the tool [m]."""
 SLOWEST = 0.1
 """Minimum fraction of the full speed."""
 OUT_OF_REACH = "out of reach: the arm goes as far as it can"
@@ -34,36 +25,37 @@ class Reach:
     """Limits of the poses to which a robot's tool may be sent.
 
     Attributes:
-        longest_m: Largest distance of the flange from the shoulder [m].
+        limits: Limits of the robot.
         lowest_m: Minimum height of the tool center point above the table with the tool pointing down [m].
     """
 
-    longest_m: float
+    limits: SteeringLimits
     lowest_m: float
 
     @classmethod
     def of(cls, spec: RobotSpec) -> Reach:
         """Return the reach of a robot."""
-        return cls(REACH_SHARE * spec.reach_m, spec.tip_below_tcp_m + LOWEST_TIP_M)
+        return cls(spec.steering, spec.tip_below_tcp_m + LOWEST_TIP_M)
 
     def within(self, wanted: Pose) -> tuple[Pose, str]:
         """Return the nearest allowed pose, and the reason for a difference ("" if there is none)."""
-        position, why = np.array(wanted.position), ""
+        position, why, limits = np.array(wanted.position), "", self.limits
         if position[2] < self.lowest_m:
             position[2], why = self.lowest_m, IN_THE_TABLE
-        shoulder = np.array([0.0, 0.0, SHOULDER_HEIGHT_M])
-        back = Pose((0.0, 0.0, 0.0), wanted.quaternion).apply((0.0, 0.0, -FLANGE_TO_TOOL_M))
-        arm = position + np.array(back) - shoulder
+        center = np.array(limits.center)
+        back = np.array(Pose((0.0, 0.0, 0.0), wanted.quaternion).apply((0.0, 0.0, -limits.back_m)))
+        arm = position + back - center
         length = float(np.linalg.norm(arm))
-        if length > self.longest_m:
-            position, why = shoulder + arm * (self.longest_m / length) - np.array(back), OUT_OF_REACH
+        if length > limits.longest_m:
+            position, why = center + arm * (limits.longest_m / length) - back, OUT_OF_REACH
             position[2] = max(position[2], self.lowest_m)
-        across = float(np.hypot(position[0], position[1]))
-        if across < NEAREST_M:
-            out = position[:2] / across if across > 1e-6 else np.array([1.0, 0.0])
-            position[:2], why = NEAREST_M * out, OUT_OF_REACH
-        if position[2] > HIGHEST_M:
-            position[2], why = HIGHEST_M, OUT_OF_REACH
+        flat = position[:2] - center[:2]
+        across = float(np.hypot(flat[0], flat[1]))
+        if across < limits.nearest_m:
+            out = flat / across if across > 1e-6 else np.array([1.0, 0.0])
+            position[:2], why = center[:2] + limits.nearest_m * out, OUT_OF_REACH
+        if position[2] > limits.highest_m:
+            position[2], why = limits.highest_m, OUT_OF_REACH
         x, y, z = (float(v) for v in position)
         return Pose((x, y, z), wanted.quaternion), why
 

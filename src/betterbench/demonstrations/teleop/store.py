@@ -158,8 +158,9 @@ def _plan(wanted: TeleopPlan, starts: Sequence[Start]) -> tuple[dict[str, Any], 
     """Return the plan and context of a run for ``run.json``."""
     order = sorted(starts, key=lambda s: (s.task, s.condition, s.number))
     trials = tuple(Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value) for s in order)
-    plan = Plan(TELEOPERATED, trials, EE_DELTA.name, "state_only", wanted.quality)
+    robot = get_task(order[0].task).robot
+    plan = Plan(TELEOPERATED, trials, EE_DELTA.name, "state_only", wanted.quality, robot)
     policy = {"address": TELEOPERATED, "name": TELEOPERATED, "needs_images": False}
     engine = {"name": "local", "workers": 1, "envs": 1}
-    method = Method(TELEOPERATED, wanted.first_seed, 1, quality=wanted.quality)
+    method = Method(TELEOPERATED, wanted.first_seed, 1, quality=wanted.quality, robot=robot)
     return {**plan.to_json(), "demonstrations": method.to_json()}, run_context(plan, policy=policy, engine=engine)

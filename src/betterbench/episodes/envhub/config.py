@@ -10,11 +10,13 @@ from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 
 from betterbench.episodes.lerobot_env import ENVIRONMENT_ID, SETTINGS, make_env
-from betterbench.episodes.lerobot_task import STATE_DIM
+from betterbench.episodes.lerobot_task import state_layout
 from betterbench.episodes.selection import select_conditions
 from betterbench.errors import InvalidInputError
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space
+from betterbench.sim.robots import robot_space
+from betterbench.tasks import get_task
 
 
 @EnvConfig.register_subclass("betterbench")  # type: ignore[untyped-decorator, unused-ignore]
@@ -25,11 +27,12 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     Attributes:
         task: Condition ("fast_food/T1"). From LeRobot 0.5 on, also several conditions or tasks, separated by commas.
         fps: Control steps per second.
-        state: Name of the state layout, "ee" or "joints".
+        state: Name of the state layout, "ee", "joints" or "motors".
         cameras: New names of the cameras, by old name.
         observation: Name of an observation preset.
-        action_space: Name of an action space.
+        action_space: Name of an action space; by default, the robot's usual one.
         quality: Name of a render preset.
+        robot: Name of a robot; by default, the robot that the tasks are laid out for.
         features: Observations and actions of the environment; set automatically.
         features_map: Names of ``features`` for the policy; set automatically.
     """
@@ -39,18 +42,19 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     state: str = "ee"
     cameras: dict[str, str] = field(default_factory=dict)
     observation: str = "default"
-    action_space: str = "ee_delta"
+    action_space: str | None = None
     quality: str = "standard"
+    robot: str | None = None
     features: dict[str, PolicyFeature] = field(default_factory=dict)
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Declare the observations and actions, under the environment's and LeRobot's names."""
-        select_conditions(self.task)
-        dim = action_space(self.action_space).dim
+        robot = self.robot or _robot_of(self.task)
+        dim = action_space(robot_space(robot, self.action_space)).dim
         self.features = {
             "action": PolicyFeature(type=FeatureType.ACTION, shape=(dim,)),
-            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(STATE_DIM,)),
+            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(state_layout(self.state).size_for(robot),)),
         }
         self.features_map = {"action": "action", "agent_pos": "observation.state"}
         for camera in observation_spec(self.observation).cameras:
@@ -84,3 +88,17 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
         """Return the vector environments of all conditions; LeRobot calls this from version 0.5 on."""
         return make_env(n_envs, use_async_envs, cfg=self)
+
+
+def _robot_of(conditions: str | None) -> str:
+    """Return the robot that the tasks of these conditions are laid out for.
+
+    Raises InvalidInputError if they are laid out for several robots.
+    """
+    robots = {task: get_task(task).robot for task, _ in select_conditions(conditions)}
+    if len(set(robots.values())) > 1:
+        listed = ", ".join(f"{task}: {robot}" for task, robot in robots.items())
+        raise InvalidInputError(
+            "--env.task", f"its tasks are laid out for several robots ({listed})", "Evaluate one robot at a time"
+        )
+    return next(iter(robots.values()))

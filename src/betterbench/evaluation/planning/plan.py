@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from betterbench.errors import InvalidInputError, UnknownNameError, require_between
+from betterbench.errors import InvalidInputError, require_between
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import USUAL_ROBOT
-from betterbench.sim.robots import robot as robot_named
+from betterbench.sim.robots import robot_space
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.worlds import OWN_WORLD, PlanRequest, SceneOptions, World
 from betterbench.statistics import StoppingRule
@@ -144,20 +144,6 @@ def make_plan(
     arm = robot or get_task(planned[0].task).robot
     space = robot_space(arm, action_space)
     return Plan(policy, planned, space, observation, quality, arm, shown, rule, world)
-
-
-def robot_space(robot: str, action_space: str | None = None) -> str:
-    """Return an action space that a robot executes, by default its usual one.
-
-    Raises:
-        UnknownNameError: If the robot is unknown, or does not execute the action space.
-    """
-    known = robot_named(robot)
-    if action_space is None:
-        return known.action_spaces[0]
-    if action_space not in known.action_spaces:
-        raise UnknownNameError(f"action space of the {known.title}", action_space, known.action_spaces)
-    return action_space
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:

@@ -12,7 +12,6 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.planning.plan import robot_space
 from betterbench.evaluation.preflight.proof import ReplayProof, prove_by_replay
 from betterbench.evaluation.trials.policy_thread import name_trial
 from betterbench.interface import (
@@ -30,6 +29,7 @@ from betterbench.policies.conventions.handshake import Declaration, declare_adap
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.factory import PolicyFactory, check_action_space, close_policy
 from betterbench.policies.kinds import kind_of, make_policy, make_privileged, needs_of
+from betterbench.sim.robots import robot_space
 from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId

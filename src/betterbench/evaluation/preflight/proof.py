@@ -17,12 +17,12 @@ import numpy as np
 
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
-from betterbench.evaluation.planning.plan import robot_space
 from betterbench.geometry import Quaternion, normalize, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, ObservationSpec, Policy, PolicyInfo, episode_number
 from betterbench.interface.actions import EE_DELTA_MEASURED, OPENING_SPACES, USUAL_ROBOT, ActionSpace, action_space
 from betterbench.interface.state import WorldState
 from betterbench.policies.experts import make_expert
+from betterbench.sim.robots import robot_space
 from betterbench.sim.robots.control import ControllerState
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import Quality

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
-from betterbench.evaluation.planning.plan import robot_space
 from betterbench.evaluation.serving.memory import return_memory
 from betterbench.geometry import normalize, to_axis_angle, turn_between
 from betterbench.interface import Observation
@@ -29,6 +28,7 @@ from betterbench.interface.actions import (
 )
 from betterbench.interface.state import WorldState
 from betterbench.policies.kinds import make_privileged
+from betterbench.sim.robots import robot_space
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId

@@ -15,12 +15,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from betterbench.errors import HandshakeError, InvalidInputError, one_line
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
+from betterbench.interface.actions import OWN_SPACES, ROBOT_ACTION_SPACES, action_space
 from betterbench.policies.address import EXECUTION, PolicyAddress
 from betterbench.policies.clients.checkpoint import CHUNK_TYPES, NOISE_TYPES, Checkpoint, Features, load_checkpoint
 from betterbench.policies.clients.remote import AdaptedPolicy, check_start, describe_remote_policy
@@ -29,7 +30,7 @@ from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.handshake import Declaration
 from betterbench.policies.conventions.image_rule import ImageRule
 from betterbench.policies.conventions.presets import adapter_of
-from betterbench.policies.conventions.proprioception import StatePart, StateRule
+from betterbench.policies.conventions.proprioception import MotorPart, StatePart, StateRule
 
 _TASK = ("task",)
 _ACTION = ("action",)
@@ -37,7 +38,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""The two states in betterbench's LeRobot environment; both have eight numbers."""
+"""The states in betterbench's LeRobot environment; with actions of a robot's own motors, the state has their units."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
@@ -168,10 +169,13 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         UnknownNameError: If an option's value does not exist.
     """
     where = f"policy {address}"
-    layout = address.choice("state", tuple(_STATES), "ee")
+    answer = _answer(address, features, where)
+    motors = next((part for part in get_args(MotorPart) if part == answer.space), None)
+    known = _STATES if motors is None else {**_STATES, "motors": (motors,)}
+    layout = address.choice("state", tuple(known), "ee" if motors is None else "motors")
     states = []
     for key, size in features.states.items():
-        rule = StateRule((key,), _STATES[layout])
+        rule = StateRule((key,), known[layout])
         if size != rule.size:
             raise InvalidInputError(
                 where,
@@ -194,7 +198,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         views=views,
         states=tuple(states),
         instruction=InstructionRule(_TASK),
-        answer=_answer(address, features, where),
+        answer=answer,
     )
 
 
@@ -260,15 +264,20 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
     """Return the answer rule for an action with the checkpoint's number of values."""
     space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
     turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
-    parts = (
-        (AnswerPart(_ACTION, "joints"), AnswerPart(_ACTION, "gripper"))
-        if space.startswith("joint")
-        else (AnswerPart(_ACTION, "translation"), AnswerPart(_ACTION, "rotation"), AnswerPart(_ACTION, "gripper"))
-    )
+    parts: tuple[AnswerPart, ...]
+    if space in ROBOT_ACTION_SPACES:
+        parts = (AnswerPart(_ACTION, "action"),)
+    elif space.startswith("joint"):
+        parts = (AnswerPart(_ACTION, "joints"), AnswerPart(_ACTION, "gripper"))
+    else:
+        parts = (AnswerPart(_ACTION, "translation"), AnswerPart(_ACTION, "rotation"), AnswerPart(_ACTION, "gripper"))
     if not space:
+        sized = ", ".join(name for name in OWN_SPACES if action_space(name).dim == features.action)
         raise InvalidInputError(
             where,
             f"its actions have {features.action} numbers, and their meaning is not known",
-            "Add action_space=NAME (joint_position, joint_delta or ee_pose have 8), or adapter=FILE",
+            f"Add action_space=NAME ({sized}), or adapter=FILE"
+            if sized
+            else "Give adapter=FILE with the parts of the answer",
         )
     return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

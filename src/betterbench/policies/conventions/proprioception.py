@@ -192,7 +192,7 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
     if part == "joint_velocities":
         return list(observation.joint_velocities.tolist())
     if part in ROBOT_ACTION_SPACES:
-        return _motor_positions(ROBOT_ACTION_SPACES[part], observation)
+        return motor_positions(ROBOT_ACTION_SPACES[part], observation)
     if part == "step":
         return [observation.step]
     if part == "zero":
@@ -215,7 +215,7 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
     return _rotation((w, x, y, z), part.removeprefix("ee_"))  # type: ignore[arg-type]
 
 
-def _motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
+def motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
     """Return the measured positions of a robot's motors in the units of its action space.
 
     Raises PolicyError if the observation is of another robot.

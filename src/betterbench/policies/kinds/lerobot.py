@@ -18,7 +18,7 @@ _FORM = AddressForm(
     options=(
         *COMMON,
         Option("device", "the device of the weights"),
-        Option("state", "the state used in training: ee or joints"),
+        Option("state", "the state used in training: ee, joints or motors"),
         Option("trust", "whether to run code named by the checkpoint: true or false"),
         CAMERA,
     ),

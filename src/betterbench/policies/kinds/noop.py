@@ -7,6 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.interface.actions import (
+    EE_DELTA,
+    JOINT_POSITION,
+    OPENING_SPACES,
+    OWN_SPACES,
+    ActionSpace,
+    action_space,
+)
 from betterbench.policies.address import AddressForm
 from betterbench.policies.kinds.kind import AT_ONCE, PolicyKind, register
 
@@ -15,17 +23,39 @@ if TYPE_CHECKING:
 
 
 class Noop:
-    """Policy that never moves."""
+    """Policy that never moves, in each action space of betterbench's own scenes."""
 
     info = PolicyInfo("noop", needs_images=False)
 
+    def __init__(self) -> None:
+        self._space = EE_DELTA
+        self._still: np.ndarray | None = None
+
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; no state needs to be reset."""
+        """Begin an episode in an action space."""
+        self._space, self._still = action_space(start.action_space or EE_DELTA.name), None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return an action that keeps the arm still with an open gripper, shape (7,)."""
-        del observation
-        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+        """Return the action that keeps the arm still with an open gripper, shape (dim,)."""
+        if self._still is None:
+            self._still = still_action(self._space, observation)
+        return self._still.copy()
+
+
+def still_action(space: ActionSpace, observation: Observation) -> np.ndarray:
+    """Return the action that keeps a robot at its measured position, shape (dim,).
+
+    The gripper is commanded to open, or to its measured opening in an action space that sets the opening.
+    """
+    from betterbench.policies.conventions.proprioception import motor_positions
+
+    if (neutral := space.neutral) is not None:
+        return np.array([*neutral[:-1], -1.0])
+    if space.name in OPENING_SPACES:
+        return np.array(motor_positions(space, observation))
+    if space.name == JOINT_POSITION.name:
+        return np.array([*observation.joint_positions, -1.0])
+    return np.array([*observation.ee_position, *observation.ee_quaternion, -1.0])
 
 
 def _make(address: PolicyAddress) -> Noop:
@@ -40,5 +70,6 @@ NOOP = register(
         summary="Never moves.",
         needs=AT_ONCE,
         make=_make,
+        spaces=OWN_SPACES,
     )
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.geometry import rotate
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.assets import Grasp
 from betterbench.sim.assets.importing.grasping import PAD_HALF_HEIGHT_M, PAD_HALF_WIDTH_M
 from betterbench.sim.assets.importing.solid import Solid
@@ -14,7 +15,7 @@ _NEAR_M = 0.004
 """Largest distance of the held part from the region that the stated width spans [m]."""
 
 
-def gripper_opening_m(name: str = "panda") -> float:
+def gripper_opening_m(name: str = USUAL_ROBOT) -> float:
     """Return the largest opening of a robot's gripper [m]."""
     return robot(name).gripper_opening_m
 

@@ -22,6 +22,7 @@ from betterbench.sim.robots.spec import (  # noqa: E402
     robot,
     robot_names,
     robot_of_space,
+    robot_space,
 )
 
 for _found in pkgutil.iter_modules(__path__):
@@ -45,6 +46,7 @@ __all__ = [
     "robot",
     "robot_names",
     "robot_of_space",
+    "robot_space",
 ]
 
 if not TYPE_CHECKING:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -46,6 +47,7 @@ from betterbench.interface.actions import (
     ActionSpace,
 )
 from betterbench.interface.actions import action_space as known_space
+from betterbench.sim.robots.dynamics import Dynamics, backlash_of
 from betterbench.sim.robots.ik import ArmIK
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.readers import number_reader, numbers_of
@@ -72,6 +74,8 @@ rad at the tool, so the bound is active only if the arm is blocked or far from i
 CLOSING_LEAD_M = 0.0015
 """Minimum lead of the commanded over the measured opening width that counts as a command to open or close [m]."""
 
+NO_DYNAMICS: Dynamics = MappingProxyType({})
+
 Joints = Sequence[float]
 """Joint angles [rad]."""
 
@@ -88,14 +92,22 @@ class ControllerState:
 class ArmController:
     """Controller that converts actions of one action space to servo references, once per control step.
 
-    The robot's base is at the world origin; ``prefix`` is the prefix of the robot's names in the scene.
+    The robot's base is at the world origin; ``prefix`` is the prefix of the robot's names in the scene. With
+    ``dynamics`` that contain a backlash, the servos hold the joints up to half of the play off their references, see
+    :mod:`betterbench.sim.robots.dynamics`.
 
     Raises InvalidInputError if it does not support the action space, the model lacks a part of the robot or the time
     step does not divide the control period.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, spec: RobotSpec, action_space: ActionSpace = EE_DELTA, *, prefix: str = ""
+        self,
+        model: mujoco.MjModel,
+        spec: RobotSpec,
+        action_space: ActionSpace = EE_DELTA,
+        *,
+        prefix: str = "",
+        dynamics: Dynamics = NO_DYNAMICS,
     ) -> None:
         """Look up the addresses of all joints and servos."""
         self.spec = spec
@@ -108,6 +120,7 @@ class ArmController:
                 f"Choose one of {', '.join(spec.action_spaces)}",
             )
         self._jaw = spec.jaw
+        self._play, self._gripper_play = backlash_of(spec, dynamics)
         self._advance = _DRIVEN.get(action_space.name, ArmController._scaled_joint_position)
         self._scale = action_space.scale
         self._sets_width = action_space.name in OPENING_SPACES
@@ -197,15 +210,19 @@ class ArmController:
         numbers = applied.tolist()
         self._measured = measured
         self._attend(data)
-        reference = self._get_reference()
-        goal = self._advance(self, numbers, self._get_joints(), reference)
+        held = self._get_reference()
+        goal = self._advance(self, numbers, self._get_joints(), self._joints if self._play else held)
         ctrl, period = self._ctrl, self._period
-        for (position, velocity), to, at in zip(self._servos, goal, reference, strict=True):
+        through = _through_play(goal, held, self._play) if self._play else goal
+        for (position, velocity), to, at in zip(self._servos, through, held, strict=True):
             ctrl[position] = ctrl[velocity] = (to - at) / period
         self._joints = goal
         move = self._set_gripper if self._sets_width else self._move_gripper
         self._width = move(numbers[-1], self.measured_width_m(data))
-        ctrl[self._gripper] = self._jaw.control_at(self._width)
+        opened = self._jaw.control_at(self._width)
+        if self._gripper_play:
+            (opened,) = _through_play((opened,), (ctrl[self._gripper],), (self._gripper_play,))
+        ctrl[self._gripper] = opened
         return applied
 
     def gripper_command(self, applied: np.ndarray, last: float) -> float:
@@ -245,7 +262,7 @@ class ArmController:
         numbers = action.tolist()
         measured = self._get_joints()
         goal = _bounded(_moved(self._pose, numbers), self.ik.forward(measured))
-        joints = self._toward(goal, measured, self._get_reference())
+        joints = self._toward(goal, measured, self._joints if self._play else self._get_reference())
         gripper = numbers[-1]
         if self._sets_width:
             width = self._move_gripper(gripper, self._jaw.width_at(self._get_fingers()))
@@ -368,6 +385,17 @@ _DRIVEN: dict[str, _Advance] = {
     JOINT_POSITION.name: ArmController._joint_position,
     JOINT_DELTA.name: ArmController._joint_delta,
 }
+
+
+def _through_play(goal: Joints, held: Joints, play: Sequence[float]) -> list[float]:
+    """Return the positions to which joints follow their references: those nearest to the present ones within the play.
+
+    Args:
+        goal: References [rad].
+        held: Positions to which the servos hold the joints [rad].
+        play: Half of the play of each joint [rad].
+    """
+    return [min(max(h, g - p), g + p) for g, h, p in zip(goal, held, play, strict=True)]
 
 
 _COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)

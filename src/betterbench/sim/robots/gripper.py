@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 
 from betterbench.geometry import Pose, normalize
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.spec import RobotSpec, build_robot_spec, robot
 
@@ -23,7 +24,7 @@ _DAMPING = 400.0
 _ARMATURE_KG = 1.0
 
 
-def add_floating_gripper(spec: mujoco.MjSpec, name: str = "panda") -> RobotSpec:
+def add_floating_gripper(spec: mujoco.MjSpec, name: str = USUAL_ROBOT) -> RobotSpec:
     """Add the gripper of a robot to a model: its own fingers, pads, coupling and servo, on a carrier with three slides.
 
     The tool center point is at the carrier's position, in the orientation of the body ``tool``. Returns the

@@ -10,8 +10,9 @@ import mujoco
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
-from betterbench.interface.actions import ActionSpace
+from betterbench.interface.actions import USUAL_ROBOT, ActionSpace
 from betterbench.sim.robots.jaws import Jaw
+from betterbench.sim.robots.varied import VariedQuantity
 
 Progress = Callable[[str, int, int], None]
 """Called with (current work, steps done, total steps) during long work."""
@@ -79,6 +80,26 @@ class Workspace:
 
 
 @dataclass(frozen=True, slots=True)
+class SteeringLimits:
+    """Limits of the tool positions to which an operator can send a robot, in its base frame.
+
+    Attributes:
+        center: Point from which the reach is measured [m].
+        back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m]:
+            the length of the gripper for an arm that keeps the rotation of its tool, 0 for an arm that tilts it.
+        longest_m: Largest distance of that point from the center [m].
+        nearest_m: Smallest horizontal distance of the tool from the center [m]: closer, the arm hits itself.
+        highest_m: Largest height of the tool [m].
+    """
+
+    center: Vector
+    back_m: float
+    longest_m: float
+    nearest_m: float
+    highest_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class RobotSpec:
     """Robot description, for controllers, scenes and experts.
 
@@ -115,6 +136,8 @@ class RobotSpec:
         wrist_camera: Camera on ``hand_body``.
         front_camera: Camera in the robot's base frame that shows its workspace, or None for the stage's own.
         workspace: Distances of planned motions.
+        steering: Limits of an operator's targets; not part of the JSON form, because they change no results.
+        dynamics: Quantities of the dynamics that a trial draws; empty for a robot whose numbers are known.
     """
 
     name: str
@@ -152,6 +175,8 @@ class RobotSpec:
     wrist_camera: CameraMount
     front_camera: CameraMount | None
     workspace: Workspace
+    steering: SteeringLimits
+    dynamics: tuple[VariedQuantity, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the per-joint tuples agree and that home is inside the limits."""
@@ -197,8 +222,12 @@ class RobotSpec:
         return "arm" if body in self.arm_bodies else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict for records and handshakes."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        """Return a JSON-serializable dict for records and handshakes, without dynamics that do not vary."""
+        form = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        del form["steering"]
+        if not self.dynamics:
+            del form["dynamics"]
+        return form
 
 
 class RobotBuilder(Protocol):
@@ -242,7 +271,23 @@ def robot_of_space(action_space: str) -> RobotSpec:
     return known[action_space]
 
 
-def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
+def robot_space(name: str, action_space: str | None = None) -> str:
+    """Return an action space that a robot executes, by default its usual one.
+
+    Raises:
+        UnknownNameError: If the robot is unknown, or does not execute the action space.
+    """
+    known = robot(name)
+    if action_space is None:
+        return known.action_spaces[0]
+    if action_space not in known.action_spaces:
+        raise UnknownNameError(f"action space of the {known.title}", action_space, known.action_spaces)
+    return action_space
+
+
+def build_robot_spec(
+    name: str = USUAL_ROBOT, *, visuals: bool = True, progress: Progress | None = None
+) -> mujoco.MjSpec:
     """Return a new MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
     Physics is the same without visual meshes.

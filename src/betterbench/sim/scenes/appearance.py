@@ -1,4 +1,4 @@
-"""Seeded appearance of a trial, independent of slots: looks, room, camera poses, light direction, and arm start.
+"""Seeded variation that is independent of slots: looks, room, camera poses, light direction, arm start and dynamics.
 
 A trial and its twin share this variation, because it does not depend on the condition. Looks and room change the
 compiled model, so a trial draws one of a limited number of sets of looks and rooms; the rest does not change the model.
@@ -16,6 +16,7 @@ from betterbench.geometry import Pose, from_axis_angle
 from betterbench.interface.state import CameraOffset, ViewJitter
 from betterbench.sim.assets import family_of, looks, unseen_looks
 from betterbench.sim.robots import ArmIK, RobotSpec
+from betterbench.sim.robots.dynamics import Dynamics, draw_dynamics
 from betterbench.sim.scenes.rooms import ROOMS, UNSEEN_ROOMS, Room
 from betterbench.sim.scenes.stage import CAMERAS, WRIST_CAMERA
 from betterbench.tasks import Looks, ObjectSpec, stream
@@ -63,6 +64,11 @@ def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
 def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
     """Return the index of the look set that a trial draws."""
     return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
+
+
+def dynamics_of(task: str, seed: int, robot: RobotSpec) -> Dynamics:
+    """Return the dynamics of the robot in a trial; empty for a robot without varied quantities."""
+    return draw_dynamics(robot, lambda quantity: stream(task, seed, f"robot dynamics:{quantity}"))
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:

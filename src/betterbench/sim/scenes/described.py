@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from betterbench.interface.state import NO_JITTER, ViewJitter
 from betterbench.tasks import Looks
@@ -17,6 +17,7 @@ class SceneDescription:
         instruction: All instructions of the episode, as one text.
         render_quality: Name of the render preset, or of another world's renderer; None without images.
         engine: Versions that can change the numbers.
+        dynamics: Drawn dynamics of the robot by quantity, one value per joint; empty if they do not vary.
     """
 
     task_version: int
@@ -27,3 +28,4 @@ class SceneDescription:
     looks: Looks = "seen"
     room: str = ""
     view_jitter: ViewJitter = NO_JITTER
+    dynamics: Mapping[str, tuple[float, ...]] = field(default_factory=dict)

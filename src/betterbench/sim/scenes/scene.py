@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,9 +20,10 @@ from betterbench.interface.state import ObjectInfo, SceneInfo, SlotInfo, WorldSt
 from betterbench.sim.assets.asset import origin_of
 from betterbench.sim.robots import ArmController
 from betterbench.sim.robots.control import ControllerState
+from betterbench.sim.robots.dynamics import with_dynamics
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.readers import number_reader, row_reader, speed_reader
-from betterbench.sim.scenes.appearance import room_of, start_joints_of, view_jitter_of
+from betterbench.sim.scenes.appearance import dynamics_of, room_of, start_joints_of, view_jitter_of
 from betterbench.sim.scenes.builder import (
     LABELS,
     CompiledScene,
@@ -108,13 +110,16 @@ class Scene:
         self.compiled: CompiledScene = compile_scene(
             self.placements, quality, robot_name=robot_name or task.robot, room=self.room
         )
-        self.model = self.compiled.model
+        self.dynamics = dynamics_of(task.id, seed, self.compiled.robot)
+        self.model = _with_dynamics(self.compiled, tuple(self.dynamics.items()))
         self._data = mujoco.MjData(self.model)
         self._views = ViewPlacement(self.model, self.view_jitter)
         self._views_are_placed = False
         self.physics_steps = max(1, round(1.0 / (TIMESTEP_S * control_rate_hz)))
         self.control_rate_hz = 1.0 / (TIMESTEP_S * self.physics_steps)
-        self.controller = ArmController(self.model, self.compiled.robot, action_space, prefix=ROBOT_PREFIX)
+        self.controller = ArmController(
+            self.model, self.compiled.robot, action_space, prefix=ROBOT_PREFIX, dynamics=self.dynamics
+        )
         self._find_addresses()
         self._home_qpos = self._initial_qpos()
         self._step = 0
@@ -228,7 +233,7 @@ class Scene:
 
     def files(self) -> dict[str, bytes]:
         """Return the compiled model as files, to be stored once per distinct scene."""
-        return scene_files(self.model, self.compiled.content_hash)
+        return scene_files(self.compiled.model, self.compiled.content_hash)
 
     def tracker(self) -> GoalTracker:
         """Return the judge of an episode."""
@@ -250,13 +255,14 @@ class Scene:
             looks=self.looks,
             room=self.room.name,
             view_jitter=self.view_jitter,
+            dynamics=self.dynamics,
         )
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
         """Return the images of the current state by camera. Raises MissingDependencyError without off-screen OpenGL."""
         largest = max(spec.cameras, key=lambda c: c.width * c.height)
         renderer = renderers.of(
-            self.content_hash, self.model, width=largest.width, height=largest.height, quality=self.quality
+            self.content_hash, self.compiled.model, width=largest.width, height=largest.height, quality=self.quality
         )
         wanted = tuple((c.name, c.width, c.height) for c in spec.cameras)
         images = renderer.render_views(self.data, wanted, depth=spec.depth, masks=spec.masks)
@@ -370,6 +376,12 @@ class Scene:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
             self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))
         return self._tool
+
+
+@functools.lru_cache(maxsize=4)
+def _with_dynamics(compiled: CompiledScene, dynamics: tuple[tuple[str, tuple[float, ...]], ...]) -> mujoco.MjModel:
+    """Return the model of a scene with the dynamics of a trial; trials with the same objects and seed share it."""
+    return with_dynamics(compiled.model, compiled.robot, dict(dynamics), prefix=ROBOT_PREFIX)
 
 
 def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:

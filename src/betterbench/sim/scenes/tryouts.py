@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from betterbench.geometry import Pose, angle_between, tilt_of
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.assets import Asset, Grasp
 from betterbench.sim.robots.gripper import PREFIX, TOOL_BODY, add_floating_gripper
 from betterbench.sim.robots.physics import PHYSICS
@@ -118,7 +119,7 @@ def try_drop(asset: Asset) -> Tryout:
 
 
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
-    """Lift an asset from a table by one grasp with the Panda gripper, and report whether it is held."""
+    """Lift an asset from a table by one grasp with the usual robot's gripper, and tell whether it is held."""
     rest = rest_pose(asset)
     spec = table_model()
     add_asset(spec, "asset", asset)
@@ -168,11 +169,11 @@ def collision_surfaces(asset: Asset) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def gripper_glbs() -> dict[str, bytes]:
-    """Return the visual meshes of the Panda gripper's bodies as GLB, each in its own frame."""
+    """Return the visual meshes of the usual robot's gripper bodies as GLB, each in its own frame."""
     from betterbench.sim.robots.spec import build_robot_spec, robot  # noqa: PLC0415 - only the page shows it
 
-    known = robot("panda")
-    model = build_robot_spec("panda", visuals=True).compile()
+    known = robot(USUAL_ROBOT)
+    model = build_robot_spec(USUAL_ROBOT, visuals=True).compile()
     files = body_files(model)
     return {name: files[int(model.body(name).id)] for name in (known.hand_body, *known.finger_bodies)}
 

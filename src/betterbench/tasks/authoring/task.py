@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from betterbench.errors import find_named
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.tasks.authoring.condition_matrix import ConditionMatrix
 from betterbench.tasks.authoring.regimes import ListedRegime
 from betterbench.tasks.authoring.template import Template
@@ -35,7 +36,7 @@ class Task:
     id: str = ""
     description: str = ""
     regimes: Mapping[str, ListedRegime] = field(default_factory=dict)
-    robot: str = "panda"
+    robot: str = USUAL_ROBOT
     matrices: tuple[ConditionMatrix, ...] = ()
 
     def slot(self, name: str) -> Slot:

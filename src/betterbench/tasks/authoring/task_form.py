@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, one_line
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.json_form import NO_TRUTH, json_schema_of, parse_json, read_form, strict_form
 from betterbench.tasks.authoring import registry
 from betterbench.tasks.authoring.condition_matrix import ConditionMatrix, Horizon, MatrixCell, State
@@ -173,7 +174,7 @@ class _Form:
     variations: tuple[_Variation, ...]
     notes: str = ""
     regimes: dict[Literal["balanced", "diverse-confounded"], _Regime] = dataclasses.field(default_factory=dict)
-    robot: _Text = "panda"
+    robot: _Text = USUAL_ROBOT
     matrices: tuple[_Matrix, ...] = ()
 
 
@@ -223,7 +224,7 @@ def task_to_json(task: Task, *, notes: str = "") -> dict[str, Any]:
     }
     if task.regimes:
         form["regimes"] = {name: _regime_form(regime) for name, regime in task.regimes.items()}
-    if task.robot != "panda":
+    if task.robot != USUAL_ROBOT:
         form["robot"] = task.robot
     if task.matrices:
         form["matrices"] = [asdict(matrix) for matrix in task.matrices]

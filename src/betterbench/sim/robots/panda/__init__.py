@@ -40,7 +40,15 @@ from betterbench.sim.robots.building import (
 from betterbench.sim.robots.jaws import ParallelJaw
 from betterbench.sim.robots.meshes import MeshPart, visual_parts
 from betterbench.sim.robots.physics import PHYSICS
-from betterbench.sim.robots.spec import CameraMount, IKWeights, Progress, RobotSpec, Workspace, register_robot
+from betterbench.sim.robots.spec import (
+    CameraMount,
+    IKWeights,
+    Progress,
+    RobotSpec,
+    SteeringLimits,
+    Workspace,
+    register_robot,
+)
 
 FACE_BUDGET = 7600
 """Triangles of arm and hand together, with two fingers counted once; the complete robot's budget is 8,000 (design,
@@ -297,6 +305,10 @@ PANDA = RobotSpec(
         retreat_m=0.12,
         leave_m=0.05,
         check_step_m=0.03,
+    ),
+    # The center is the second joint (Franka's data sheet); a stretched arm cannot rotate, so 97 % of its reach.
+    steering=SteeringLimits(
+        center=(0.0, 0.0, 0.333), back_m=0.21, longest_m=0.97 * 0.855, nearest_m=0.20, highest_m=0.75
     ),
 )
 

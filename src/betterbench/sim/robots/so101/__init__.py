@@ -42,7 +42,16 @@ from betterbench.sim.robots.building import (
 from betterbench.sim.robots.jaws import HingedJaw
 from betterbench.sim.robots.meshes import MeshPart, parts_from_bytes
 from betterbench.sim.robots.physics import PHYSICS
-from betterbench.sim.robots.spec import CameraMount, IKWeights, Progress, RobotSpec, Workspace, register_robot
+from betterbench.sim.robots.spec import (
+    CameraMount,
+    IKWeights,
+    Progress,
+    RobotSpec,
+    SteeringLimits,
+    Workspace,
+    register_robot,
+)
+from betterbench.sim.robots.varied import VariedQuantity
 
 MESH_FILE = Path(__file__).parent / "meshes.npz"
 
@@ -299,6 +308,24 @@ SO101 = RobotSpec(
         retreat_m=0.05,
         leave_m=0.015,
         check_step_m=0.012,
+    ),
+    # The tool tilts by up to 40 degrees at the edge of this sphere around the first axis at the height of the second.
+    steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.32, nearest_m=0.11, highest_m=0.24),
+    # The first three numbers are borrowed from another robot, so their ranges are wide. The gains come from a model of
+    # the motor, and firmware and supply voltage change them. Each servo has values of its own.
+    dynamics=(
+        VariedQuantity("joint_damping", 0.5, 2.0, "borrowed from Open Duck Mini; a choice"),
+        VariedQuantity("joint_friction", 0.5, 2.0, "borrowed from Open Duck Mini; a choice"),
+        VariedQuantity("joint_armature", 0.7, 1.4, "borrowed from Open Duck Mini; a choice"),
+        VariedQuantity("servo_stiffness", 0.7, 1.4, "a model of the motor, SO-ARM100 pull request 141; a choice"),
+        VariedQuantity("servo_damping", 0.7, 1.4, "a model of the motor, SO-ARM100 pull request 141; a choice"),
+        VariedQuantity(
+            "backlash",
+            math.radians(0.3),
+            math.radians(1.3),
+            "data sheet of the STS3215: at most 0.5 degrees; measured: about 1 degree (SO-ARM100 issue 134), 0.8 to "
+            "1.3 degrees (Robonine, Backlash Compensation in STS3215 Servo Actuators)",
+        ),
     ),
 )
 

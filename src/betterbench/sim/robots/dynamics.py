@@ -1,0 +1,90 @@
+"""Dynamics of a robot that vary by trial: servo gains, friction, rotor inertia and backlash.
+
+A robot whose numbers are borrowed or differ from unit to unit declares a range and a source for each quantity. A trial
+draws one value per joint and applies the values to a copy of the compiled model; a robot without ranges keeps the
+model itself.
+
+**Backlash** is the free play of a joint's gears. It is modeled as a play between the reference of the position servo
+and the position to which the servo holds the joint: the joint follows only after the reference has moved through the
+play, so it ends up to half of the play off, on a side that depends on the direction of the last motion. Dry friction
+keeps the joint where it stopped; the model leaves out that a load can move it within the play.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from betterbench.sim.robots.spec import RobotSpec
+from betterbench.sim.robots.varied import BACKLASH
+
+Dynamics = Mapping[str, tuple[float, ...]]
+"""Values by quantity, one per joint: those of the arm from base to flange, then those of the fingers."""
+
+
+def draw_dynamics(spec: RobotSpec, generator_of: Callable[[str], np.random.Generator]) -> Dynamics:
+    """Return the dynamics of one trial, empty for a robot without varied quantities.
+
+    Args:
+        spec: Robot description.
+        generator_of: Returns the generator for one quantity, so that a new quantity does not change the others.
+    """
+    count = len(spec.arm_joints) + len(spec.finger_joints)
+    return {varied.quantity: varied.draw(generator_of(varied.quantity), count) for varied in spec.dynamics}
+
+
+def backlash_of(spec: RobotSpec, dynamics: Dynamics) -> tuple[tuple[float, ...], float]:
+    """Return half of the play of each arm joint [rad], and of the gripper's servo in the units of its control.
+
+    Both are empty or 0 without backlash.
+    """
+    values = dynamics.get(BACKLASH, ())
+    if not values:
+        return (), 0.0
+    return tuple(0.5 * value for value in values[: len(spec.arm_joints)]), 0.5 * values[-1]
+
+
+def with_dynamics(model: mujoco.MjModel, spec: RobotSpec, dynamics: Dynamics, *, prefix: str = "") -> mujoco.MjModel:
+    """Return a copy of a model in which the robot has these dynamics, or the model itself without any.
+
+    Derived constants are computed anew; the extent of the scene, from which cameras take their clipping planes, stays.
+
+    Args:
+        model: Model with the robot.
+        spec: Robot description.
+        dynamics: Values by quantity; the backlash is not part of the model, see :class:`ArmController`.
+        prefix: Prefix of the robot's names in the model.
+    """
+    factors = {name: values for name, values in dynamics.items() if name != BACKLASH}
+    if not factors:
+        return model
+    made = copy.copy(model)
+    joints = (*spec.arm_joints, *spec.finger_joints)
+    dofs = [int(made.joint(prefix + name).dofadr[0]) for name in joints]
+    for quantity, array in (
+        ("joint_damping", made.dof_damping),
+        ("joint_friction", made.dof_frictionloss),
+        ("joint_armature", made.dof_armature),
+    ):
+        _scale(array, dofs, factors.get(quantity, ()))
+    arm = len(spec.arm_joints)
+    pull = [int(made.actuator(prefix + name).id) for name in (*spec.position_actuators, spec.gripper_actuator)]
+    damp = [int(made.actuator(prefix + name).id) for name in spec.velocity_actuators]
+    stiffness, damping = (factors.get(name, ()) for name in ("servo_stiffness", "servo_damping"))
+    _scale(made.actuator_gainprm[:, 0], pull, stiffness)
+    _scale(made.actuator_biasprm[:, 1], pull, stiffness)
+    _scale(made.actuator_gainprm[:, 0], damp, damping[:arm])
+    _scale(made.actuator_biasprm[:, 2], [*damp, pull[-1]], damping)
+    extent, center = float(made.stat.extent), made.stat.center.copy()
+    mujoco.mj_setConst(made, mujoco.MjData(made))
+    made.stat.extent, made.stat.center = extent, center
+    return made
+
+
+def _scale(array: np.ndarray, indices: Sequence[int], factors: Sequence[float]) -> None:
+    """Multiply elements of an array by factors, if there are any."""
+    for index, factor in zip(indices, factors, strict=False):
+        array[index] *= factor

@@ -1,0 +1,52 @@
+"""Quantities of a robot's dynamics that vary by trial, with their ranges and sources."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+
+Quantity = Literal["joint_damping", "joint_friction", "joint_armature", "servo_stiffness", "servo_damping", "backlash"]
+"""Quantities that can vary: factors of the model's numbers, and the backlash [rad]."""
+
+BACKLASH: Quantity = "backlash"
+
+
+@dataclass(frozen=True, slots=True)
+class VariedQuantity:
+    """Range of one quantity, from which a trial draws a value for each joint of the arm and of the gripper.
+
+    Attributes:
+        quantity: Name of the quantity.
+        low: Smallest factor of the model's number; of "backlash", the smallest total play [rad].
+        high: Largest factor or play.
+        source: Source of the range, in one sentence.
+    """
+
+    quantity: Quantity
+    low: float
+    high: float
+    source: str
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError for an unknown quantity or an impossible range."""
+        where = f"dynamics of a robot: {self.quantity}"
+        if self.quantity not in get_args(Quantity):
+            raise InvalidInputError(where, "it is unknown", f"Use one of {', '.join(get_args(Quantity))}")
+        least = 0.0 if self.quantity == BACKLASH else 1e-3
+        if not least <= self.low <= self.high < math.inf:
+            problem = f"the range {self.low:g} to {self.high:g} is not possible"
+            raise InvalidInputError(where, problem, f"Give {least:g} ≤ low ≤ high")
+
+    def draw(self, generator: np.random.Generator, count: int) -> tuple[float, ...]:
+        """Return values for ``count`` joints: factors with an even logarithm, so that a half is as likely as two."""
+        shares = generator.uniform(0.0, 1.0, count)
+        if self.quantity == BACKLASH:
+            values = self.low + shares * (self.high - self.low)
+        else:
+            values = self.low * (self.high / self.low) ** shares
+        return tuple(round(value, 6) for value in values.tolist())
