@@ -18,15 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
+from betterbench.diagnosis import TrialDiagnosis, diagnose_run
 from betterbench.diagnosis.analysis.approaches import to_and_fro
 from betterbench.diagnosis.analysis.episode_analysis import analyze_episode
 from betterbench.diagnosis.analysis.paths import runs_of
 from betterbench.diagnosis.analysis.trace import trace_of
 from betterbench.interface.actions import SO101_DEGREES
+from betterbench.real.labels import Judged, Setting, label_of
 from betterbench.real.plan import ACTION_SPACES, Unit
 from betterbench.real.record import Samples
 from betterbench.real.signals import Closing, Grip, JointSignals, JointTrack, signals_of
-from betterbench.records import Record, read_record
+from betterbench.records import Record, RunFolder, read_record
 from betterbench.sim.robots.spec import robot
 from betterbench.tasks import training_distribution_of
 from betterbench.tasks.interventions.resolve import resolve_condition
@@ -148,8 +150,9 @@ def compare(signals: JointSignals, truth: Truth) -> Iterator[tuple[str, bool]]:
             yield "closing on an object found: the fingers touch one", _overlaps(closing, truth.touched)
             if closing.let_go_s is not None and closing.lost_s is None:
                 ends = [b for a, b in truth.touched if a <= closing.let_go_s and b >= closing.end_s]
-                yield "release found: within 0.5 s of the last touch", any(
-                    abs(b - closing.let_go_s) <= 0.5 for b in ends
+                yield (
+                    "release found: within 0.5 s of the last touch",
+                    any(abs(b - closing.let_go_s) <= 0.5 for b in ends),
                 )
         else:
             yield f"closing on {closing.grip.value} found: no object held", not _overlaps(closing, truth.held)
@@ -160,6 +163,45 @@ def compare(signals: JointSignals, truth: Truth) -> Iterator[tuple[str, bool]]:
         yield f"{what}: {'true, found' if true else 'false, not found'}", found == true
 
 
+def judge_of(record: Record, trial: TrialDiagnosis) -> str:
+    """Return what a judge with perfect eyes would enter, by the definitions and in the order of the outcomes."""
+    metadata = record.metadata
+    condition = resolve_condition(metadata.task, metadata.variation or metadata.condition).condition
+    asked = {n for goal in condition.instruction.subgoals for n in condition.resolve(goal.reference)}
+    tried = [a.object for a in trial.attempts]
+    others = {name for name in tried if name is not None and name not in asked}
+    there = [condition.resolve(goal.reference) != () for goal in condition.instruction.subgoals]
+    if all(there) and bool(record.subgoals[-1].all()) and not others:
+        return "done"
+    if bool((record.subgoals[-1] & ~record.subgoals[0]).any()) and not record.subgoals[-1].all():
+        return "part"
+    last = record.time >= record.time[-1] - 1.0
+    if not tried and np.linalg.norm(record.ee_position[last] - record.ee_position[-1], axis=1).max() < 0.02:
+        return "froze"
+    if tried and tried[-1] is None:
+        return "air_grasp"
+    if trial.evidence.rule == "to_and_fro":
+        return "oscillated"
+    if others:
+        return "wrong_object"
+    if any(name in condition.layout for name in tried):
+        return "missed"
+    return "undid" if tried else "other"
+
+
+def labels_of(folder: Path, *, noise: int) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the trial, the outcome of a perfect judge, the label of the simulated diagnosis, and that of joints."""
+    for trial in diagnose_run(RunFolder.open(folder), whole=True).trials:
+        if trial.record is None:
+            continue
+        record = read_record(folder / trial.record)
+        signals = signals_of(JointTrack.of(samples_of(record, noise=noise), unit="degrees", rate_hz=20.0))
+        outcome = judge_of(record, trial)
+        judged = Judged(outcome, "", {"perfect": outcome}, None, ("no definition fits",))
+        found = label_of(Setting.of(trial.task, trial.variation or trial.condition), signals, judged)
+        yield trial.key, outcome, trial.label.value, found.name + (" !" if found.contradiction else "")
+
+
 def main() -> None:
     """Print how often signals and truth agree."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -168,7 +210,15 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=20.0)
     parser.add_argument("--unit", default="degrees", choices=sorted(ACTION_SPACES))
     parser.add_argument("--verbose", action="store_true")
+    parser.add_argument("--labels", action="store_true", help="labels with a perfect judge instead of signals")
     given = parser.parse_args()
+    if given.labels:
+        crossed = Counter(row[1:] for folder in given.runs for row in labels_of(folder, noise=0))
+        same = sum(count for (_, a, b), count in crossed.items() if a == b)
+        print(f"{same} of {sum(crossed.values())} labels are those of the simulated diagnosis")
+        for (outcome, simulated, found), count in sorted(crossed.items()):
+            print(f"{count:5d}  judge: {outcome:13} simulated: {simulated:28} joints and judge: {found}")
+        return
     found: Counter[tuple[str, bool]] = Counter()
     trials = 0
     for folder in given.runs:

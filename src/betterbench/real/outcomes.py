@@ -31,7 +31,12 @@ class Outcome:
 
 
 OUTCOMES = (
-    Outcome("done", "1", "did all that was asked", "Every object asked for lies in the basket at the end."),
+    Outcome(
+        "done",
+        "1",
+        "did all that was asked",
+        "Every object asked for lies in the basket at the end, and no other object was grasped or carried.",
+    ),
     Outcome(
         "part",
         "2",
@@ -43,7 +48,7 @@ OUTCOMES = (
         "froze",
         "3",
         "stood still",
-        "The arm moved no object and did not reach for a place: it stayed, or trembled within 2 cm, to the end.",
+        "The gripper never closed and no object was moved; at the end the arm stands still, or trembles within 2 cm.",
     ),
     Outcome(
         "air_grasp",
