@@ -39,6 +39,8 @@ ENCODER_PERCENT = 100.0 * ENCODER_DEGREES / 110.0
 """The same for the gripper, whose travel is 110 degrees."""
 EMPTY_M = 0.026
 """Opening into which no object of the fruit basket fits [m]."""
+RESTS = ((3.0, 0.005), (8.0, 0.03))
+"""Time at the end [s] and largest distance from the last position [m] of an arm at rest: still, or trembling."""
 LEAST_HELD_S = 0.25
 """Shortest hold that has to be found [s]."""
 
@@ -85,7 +87,7 @@ class Truth:
         held: Times at which an object is held.
         touched: Times at which a finger touches any object.
         empty: Times of closings to less than the width of any object that touch nothing.
-        rests: Whether tool and fingers keep still for the last 3 s.
+        rests: Whether tool and fingers keep their place at the end (:data:`RESTS`).
         to_and_fro: Whether the simulated diagnosis finds motion back and forth until the end.
     """
 
@@ -112,18 +114,20 @@ def truth_of(record: Record) -> Truth:
         tuple((float(record.time[a]), float(record.time[b - 1])) for a, b in runs_of(flags))
         for flags in (record.held >= 0, touched, record.finger_width <= EMPTY_M)
     )
-    last = record.time >= record.time[-1] - 3.0
-    rests = (
-        bool(record.time[-1] >= 3.0)
-        and bool(np.linalg.norm(record.ee_position[last] - record.ee_position[-1], axis=1).max() < 0.005)
-        and bool(np.ptp(record.finger_width[last]) < 0.001)
-    )
+    rests = any(_stays(record, seconds, within_m) for seconds, within_m in RESTS)
     resolved = resolve_condition(record.metadata.task, record.metadata.variation or record.metadata.condition)
     trace = trace_of(record, resolved.condition, step_limit=resolved.task.step_limit(resolved.condition))
     episode = analyze_episode(trace, resolved.condition, training_distribution_of(resolved.task), state=record.state)
     fro = not rests and to_and_fro(trace, episode.idle_from) is not None
     empty = tuple(span for span in narrow if not any(a <= span[1] and b >= span[0] for a, b in touching))
     return Truth(held, touching, empty, rests, fro)
+
+
+def _stays(record: Record, seconds: float, within_m: float) -> bool:
+    """Return whether tool and fingers keep their place for a time at the end."""
+    last = record.time >= record.time[-1] - seconds
+    away = np.linalg.norm(record.ee_position[last] - record.ee_position[-1], axis=1)
+    return bool(record.time[-1] >= seconds and away.max() < within_m and np.ptp(record.finger_width[last]) < 0.001)
 
 
 def _overlaps(closing: Closing, spans: Spans) -> bool:
@@ -138,7 +142,7 @@ def compare(signals: JointSignals, truth: Truth) -> Iterator[tuple[str, bool]]:
         if span[1] - span[0] >= LEAST_HELD_S:
             yield (
                 "object held: a closing on an object is found",
-                any(c.holds and _overlaps(c, (span,)) for c in signals.closings),
+                any(c.holds and c.start_s <= span[1] and span[0] <= (c.let_go_s or np.inf) for c in signals.closings),
             )
     for span in truth.empty:
         yield (
