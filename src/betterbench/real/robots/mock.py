@@ -124,6 +124,7 @@ class MockRobot:
             action_space=self._plan.action_space,
             quality=self._quality,
             control_rate_hz=self._plan.rate_hz,
+            steady_views=True,
         )
         self._target = self._stuck = None
         self._is_moving = False
