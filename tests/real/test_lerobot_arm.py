@@ -153,7 +153,7 @@ def test_without_lerobot_the_message_says_how_to_install_it(monkeypatch):
 
 
 def test_a_port_and_a_camera_are_needed():
-    with pytest.raises(InvalidInputError, match="--port"):
+    with pytest.raises(InvalidInputError, match="--arm-port"):
         arm_of(port="")
     with pytest.raises(InvalidInputError, match="--camera"):
         arm_of(cameras={})

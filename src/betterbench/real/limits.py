@@ -24,6 +24,7 @@ import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.interface.actions import ActionSpace
+from betterbench.json_form import strict_form
 from betterbench.real.record import MOTORS
 from betterbench.sim.robots import ArmIK, robot
 from betterbench.sim.robots.ik import LIMIT_MARGIN_RAD
@@ -39,6 +40,7 @@ class LimitError(BetterError):
     """A motor is overloaded or does not follow; the arm has to be looked at."""
 
 
+@strict_form
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
     """Limits of an SO-101, in units that do not depend on the plan.

@@ -138,11 +138,13 @@ class RealSession:
             raise
         self._arm = SafeArm(robot, Limiter(limits or SafetyLimits(), self.plan.action_space, rate_hz=self.plan.rate_hz))
         self._twin = Twin(self.plan, size=size)
-        self._commands: queue.Queue[Command] = queue.Queue(MOST_WAITING)
+        self._commands: queue.Queue[tuple[int, Command]] = queue.Queue(MOST_WAITING)
+        self._halts = 0
         self._trial: PlannedTrial | None = None
         self._stage = Stage.SETUP
         self._entered: list[str] = []
-        self._message, self._agreement = "", None
+        self._message = ""
+        self._agreement: Agreement | None = None
         self._begun_s = self._measured_s = 0.0
         self._steps: tuple[SetupStep, ...] = ()
         self._view: TwinView | None = None
@@ -177,15 +179,21 @@ class RealSession:
             self.controls.end.set()
             return
         try:
-            self._commands.put_nowait(command)
+            self._commands.put_nowait((self._halts, command))
         except queue.Full:
             logger.warning("too many commands wait; %s is ignored", command.name)
 
     def halt(self, why: str = "the operator stopped it") -> None:
-        """Stop the arm now. A running attempt is aborted."""
+        """Stop the arm now. A running attempt is aborted, and commands that wait are dropped."""
+        self._halts += 1
         self.controls.why = why
         self.controls.stop.set()
         self._arm.stop(why)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the robot's cameras."""
+        return self._robot.cameras
 
     @property
     def twin_view(self) -> TwinView | None:
@@ -225,19 +233,15 @@ class RealSession:
         """
         watcher = threading.Thread(target=self._halt_with, args=(stopped,), daemon=True)
         watcher.start()
-        self._advance()
+        self.begin()
         while not stopped.is_set() and self._stage is not Stage.DONE:
             try:
-                command = self._commands.get(timeout=LOOK_S)
+                halts, command = self._commands.get(timeout=LOOK_S)
             except queue.Empty:
                 self._look()
                 continue
-            try:
-                self._obey(command)
-            except StorageError:
-                raise
-            except BetterError as problem:
-                self._tell(str(problem))
+            if halts == self._halts:
+                self.obey(command)
         self._arm.stop("the session ended")
 
     def _halt_with(self, stopped: threading.Event) -> None:
@@ -248,7 +252,7 @@ class RealSession:
         self._message = message
         self._say(message)
 
-    def _advance(self) -> None:
+    def begin(self) -> None:
         """Go to the next trial: one that waits for an entry, or the next of the plan."""
         waiting = next((t for t in read_run(self.folder).trials if not t.seen_by("operator")), None)
         if waiting is not None:
@@ -291,6 +295,19 @@ class RealSession:
             return None
         return measure_agreement(frame.image, self._view)
 
+    def obey(self, command: Command) -> None:
+        """Obey a command in this thread, and tell the operator what is wrong.
+
+        Raises:
+            StorageError: If the disk is full.
+        """
+        try:
+            self._obey(command)
+        except StorageError:
+            raise
+        except BetterError as problem:
+            self._tell(str(problem))
+
     def _obey(self, command: Command) -> None:
         match command.name, self._stage:
             case "arm", _:
@@ -300,7 +317,7 @@ class RealSession:
                 self._arm.stop("the operator switched it off")
             case "release", Stage.SETUP | Stage.ENTER:
                 self._arm.release()
-            case ("start" | "force"), Stage.SETUP:
+            case (("start" | "force"), Stage.SETUP):
                 self._start(forced=command.name == "force")
             case "enter", Stage.ENTER:
                 self._enter(command.value, command.note)
@@ -366,7 +383,7 @@ class RealSession:
         else:
             self._entered.append(trial.code)
             self._tell(f"{trial.code}: {outcome_named(outcome).title}.")
-        self._advance()
+        self.begin()
 
     def _undo(self) -> None:
         """Take the last entry of this session back, and ask for it again."""
@@ -377,7 +394,7 @@ class RealSession:
         attempt = self._journal.state(code).attempt
         enter(self.folder, code, attempt, author=self.person, role="operator", outcome=None)
         self._tell(f"The entry on {code} was taken back.")
-        self._advance()
+        self.begin()
 
     def _again(self, note: str) -> None:
         """Discard the trial that ended; it comes again."""
@@ -385,4 +402,4 @@ class RealSession:
             code = self._trial.code
             self._journal.repeat(code, note, self.person)
             self._tell(f"{code} comes again.")
-            self._advance()
+            self.begin()

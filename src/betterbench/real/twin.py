@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,7 +127,7 @@ class Twin:
         found = {}
         for placement in scene.placements:
             point = np.array(state.positions[scene.info.index(placement.spec.name)])
-            near = np.array([point, point + [0.01, 0.0, 0.0], point + [0.0, 0.01, 0.0]])
+            near = point + 0.01 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
             pixels, _ = camera.project(near)
             found[placement.spec.name] = ((pixels[1:] - pixels[0]) / 0.01).T
         return found

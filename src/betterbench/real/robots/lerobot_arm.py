@@ -59,7 +59,9 @@ class LeRobotArm:
             InvalidInputError: If there is no port or camera.
         """
         if not port:
-            raise InvalidInputError("--port", "the serial port of the arm is missing", "Give one such as /dev/ttyACM0")
+            raise InvalidInputError(
+                "--arm-port", "the serial port of the arm is missing", "Give one such as /dev/ttyACM0"
+            )
         if not cameras:
             raise InvalidInputError("--camera", "no camera is given", "Give at least front=0")
         self.cameras = tuple(cameras)
@@ -84,7 +86,7 @@ class LeRobotArm:
         except Exception as problem:
             with contextlib.suppress(Exception):
                 arm.disconnect()
-            cure = "Check power and plugs, and --port (lerobot-find-port) and --camera (lerobot-find-cameras)"
+            cure = "Check power and plugs, and --arm-port (lerobot-find-port) and --camera (lerobot-find-cameras)"
             raise RobotError(f"{KIND} at {self._port}: {one_line(problem)}. {cure}.") from problem
         if not is_calibrated:
             with contextlib.suppress(Exception):

@@ -17,6 +17,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface.observation import CameraSpec, ObservationSpec
+from betterbench.json_form import strict_form
 from betterbench.real.plan import PlannedTrial, RealPlan
 from betterbench.real.record import MOTORS
 from betterbench.real.robots.robot import Frame, Reading, RobotError
@@ -31,6 +32,7 @@ MOST_STEPS = 5
 """Largest number of simulated control steps of one reading; a slow machine gives a slow arm."""
 
 
+@strict_form
 @dataclasses.dataclass(frozen=True, slots=True)
 class MockFaults:
     """Faults of a mock.
