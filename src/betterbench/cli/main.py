@@ -118,6 +118,8 @@ VERBS: dict[str, Verb] = {
             "plan": Verb("real_plan:plan_command", "Plan randomized trials on a real arm.", takes_tasks=False),
             "run": Verb("real_run:run_command", "Run planned trials on a real arm.", takes_tasks=False),
             "status": Verb("real_status:status_command", "Show the state of a protocol.", takes_tasks=False),
+            "judge": Verb("real_judge:judge_command", "Judge the films of a protocol blind.", takes_tasks=False),
+            "report": Verb("real_report:report_command", "Report a protocol on a real arm.", takes_tasks=False),
         },
     ),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.real.outcomes import OUTCOMES, outcome_named
+from betterbench.real.outcomes import outcome_named
 from betterbench.real.record import RealRun, RealTrial, enter, read_run
 from betterbench.statistics.wording import plural
 
@@ -109,14 +109,13 @@ class JudgeDesk:
         del self._mine[code]
         self._say(f"film {self.index + 1}: taken back")
 
-    def films(self) -> list[bytes]:
-        """Return the films of the trial at hand, MP4, in the order of the cameras' names.
+    def film(self, number: int, camera: str) -> bytes:
+        """Return a film of a trial by its number in this judge's order, MP4.
 
         Raises:
-            RecordError: If a film is missing or was changed.
+            RecordError: If the film is missing or was changed.
         """
-        trial = self.at_hand
-        return [trial.film(camera).read_bytes() for camera in sorted(trial.header.films)]
+        return self.trials[number].film(camera).read_bytes()
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:
         self.message, self.is_problem = text, is_problem
@@ -132,14 +131,3 @@ def _order(codes: list[str], seed: int, person: str) -> list[str]:
     digest = hashlib.sha256(f"betterbench real|{seed}|judge {person}".encode()).digest()
     generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
     return [codes[k] for k in generator.permutation(len(codes))]
-
-
-TAP_KEYS: dict[str, str] = {
-    **{f"Digit{outcome.key}": outcome.name for outcome in OUTCOMES},
-    **{f"Numpad{outcome.key}": outcome.name for outcome in OUTCOMES},
-    "ArrowLeft": "previous",
-    "ArrowRight": "next",
-    "Space": "again",
-    "Backspace": "undo",
-}
-"""Command of each key."""

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from urllib.parse import quote
 
+from betterbench.jobs.outputs import mark_of
 from betterbench.real.outcomes import OUTCOMES
 from betterbench.real.results import RealResults
 from betterbench.report.html import environment, write
@@ -31,6 +32,7 @@ def write_real_page(results: RealResults, path: Path) -> Path:
             titles={outcome.name: outcome.title for outcome in OUTCOMES},
             films={trial.code: _film(trial.folder, sorted(trial.header.films), path.parent) for trial in run.trials},
             tone=_tone,
+            mark=mark_of("real report"),
         )
     )
     return write(path, page)

@@ -1,4 +1,4 @@
-"""Base of pages for decisions of a person: a queue of commands from keys, buttons and fields of a browser page.
+"""Base of the pages of ``better review``: a queue of commands from keys, buttons and fields of a browser page.
 
 Callbacks of the page only put commands into a queue; :meth:`CommandPage.run` executes them in order.
 """
@@ -30,22 +30,20 @@ class CommandPage:
         server: The server of the page.
     """
 
-    def __init__(self, taps: Mapping[str, str], *, host: str, port: int, verb: str = "better review") -> None:
+    def __init__(self, taps: Mapping[str, str], *, host: str, port: int) -> None:
         """Listen.
 
         Args:
             taps: Command of each key, by key code.
             host: Interface.
             port: Port; 0 for any free port.
-            verb: Command of the page.
 
         Raises:
             MissingDependencyError: If viser is not installed.
             InvalidInputError: If the port is taken.
         """
         self._commands: queue.Queue[tuple[str, Any]] = queue.Queue(MOST_WAITING)
-        self.server = PageServer(host=host, port=port, verb=verb, complain=self._complain)
-        self._verb = verb
+        self.server = PageServer(host=host, port=port, verb="better review", complain=self._complain)
         self._viser = self.server.viser
         self._keys = dict(taps)
         self._taps: dict[int, dict[str, int]] = {}
@@ -96,7 +94,7 @@ class CommandPage:
         """Set up the empty panel and the view, and return the maker of panel elements."""
         gui = self._viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
-        gui.set_panel_label(self._verb)
+        gui.set_panel_label("better review")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_PX)
         camera = self._viser.initial_camera
