@@ -73,13 +73,14 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--run", action="append", required=True, metavar="POLICY=RUN")
     parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--conditions", nargs="+", help="default: one for each cell")
     parser.add_argument("--slips", type=float, default=0.1, help="share of the second judge's entries that are wrong")
     parser.add_argument("--films", type=int, default=0, metavar="PIXELS", help="side of the films; 0 for no films")
     parser.add_argument("--judges", type=int, default=2, help="number of judges, 0 to 2")
     given = parser.parse_args()
     runs = {address: RunFolder.open(Path(path)) for address, path in (pair.split("=", 1) for pair in given.run)}
     policies = [RealPolicy(address.replace("zoo:", ""), address) for address in runs]
-    plan = make_plan(policies, repeats=given.repeats)
+    plan = make_plan(policies, repeats=given.repeats, conditions=given.conditions)
     write_plan(given.out, plan)
     trials: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for address, run in runs.items():
