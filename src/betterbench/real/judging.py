@@ -42,11 +42,7 @@ class JudgeDesk:
             raise InvalidInputError("--person", problem, "Let another person judge")
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
-        self._mine: dict[str, str] = {}
-        for trial in self.trials:
-            for entry in trial.seen_by("judge"):
-                if entry.author == person and entry.decision.kind == "seen":
-                    self._mine[trial.code] = entry.decision.outcome
+        self._mine = _entries_of(run, person)
         self._made: list[str] = []  # trials entered in this session, for undo
         self.message, self.is_problem = "", False
         self.index = next((k for k, trial in enumerate(self.trials) if trial.code not in self._mine), 0)
@@ -106,7 +102,7 @@ class JudgeDesk:
         self.index = next(k for k, trial in enumerate(self.trials) if trial.code == code)
         trial = self.at_hand
         enter(self.folder, code, trial.header.attempt, author=self.person, role="judge", outcome=None)
-        del self._mine[code]
+        self._mine = _entries_of(read_run(self.folder), self.person)  # an earlier entry may stand again
         self._say(f"film {self.index + 1}: taken back")
 
     def film(self, number: int, camera: str) -> bytes:
@@ -119,6 +115,16 @@ class JudgeDesk:
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:
         self.message, self.is_problem = text, is_problem
+
+
+def _entries_of(run: RealRun, person: str) -> dict[str, str]:
+    """Return the standing outcomes of a judge by trial."""
+    return {
+        trial.code: entry.decision.outcome
+        for trial in run.trials
+        for entry in trial.seen_by("judge")
+        if entry.author == person and entry.decision.kind == "seen"
+    }
 
 
 def _shuffled(run: RealRun, person: str) -> tuple[RealTrial, ...]:

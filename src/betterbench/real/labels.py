@@ -244,7 +244,11 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
     if outcome == "froze" and signals.attempts:
         first = signals.attempts[0]
         return f"{said}, but the jaw closed {first.z * 100:.0f} cm above the table after {first.start_s:.1f} s."
-    if outcome == "froze" and signals.reach_m > THRESHOLDS.home_radius and signals.freeze is None:
+    if (
+        outcome == "froze"
+        and signals.freeze is None
+        and (signals.to_and_fro is not None or signals.reach_m > THRESHOLDS.home_radius)
+    ):
         return f"{said}, but the tool went {signals.reach_m * 100:.0f} cm away from its start and did not come to rest."
     return ""
 
@@ -353,8 +357,6 @@ def _froze(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel
     del judged
     if not setting.due:
         return _nothing_due(setting, signals)
-    if signals.to_and_fro is not None:
-        return _sway(setting, signals)
     start = signals.freeze.start_s if signals.freeze is not None else 0.0
     still = (
         f"The judges saw the arm stand still; its tool stayed within {signals.reach_m * 100:.0f} cm of its start and "
