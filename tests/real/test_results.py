@@ -14,7 +14,10 @@ from betterbench.real.report_page import write_real_page
 from betterbench.real.results import compare_matrices, results_of
 from betterbench.tasks.authoring.condition_matrix import State
 
-CELLS = tuple("train1 O1 O2 T1 T2 T3 O3 O4 O5 train3 T4 O6 T5 T6 T7 O7 O8 O9".split())
+CELLS = (
+    *("train1", "O1", "O2", "T1", "T2", "T3", "O3", "O4", "O5"),
+    *("train3", "T4", "O6", "T5", "T6", "T7", "O7", "O8", "O9"),
+)
 
 
 def mixed(planned):
