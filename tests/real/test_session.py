@@ -149,3 +149,24 @@ def test_the_view_names_neither_policy_nor_condition(folder):
     assert "scripted" not in text
     assert "O1" not in text
     assert "policy" not in text
+
+
+def test_a_page_never_sees_the_pictures_of_another_trial(folder):
+    """The scene of the next trial takes seconds; until it is there, the page stays at the last one."""
+    with session_on(folder) as session:
+        session.begin()
+        obey(session, "arm", "start")
+        before = session.view
+        seen = []
+        steps = session._twin.steps
+
+        def watched(trial):
+            seen.append((session.view.code, session.view.stage, session.twin_view is not None))
+            return steps(trial)
+
+        session._twin.steps = watched
+        obey(session, "enter froze")
+        assert seen == [(before.code, Stage.ENTER, True)]
+        assert session.view.code != before.code
+        assert session.reading is None
+        assert session.view.agreement is None
