@@ -220,8 +220,8 @@ def main() -> None:
         crossed = Counter(row[1:] for folder in given.runs for row in labels_of(folder, noise=0))
         same = sum(count for (_, a, b), count in crossed.items() if a == b)
         print(f"{same} of {sum(crossed.values())} labels are those of the simulated diagnosis")
-        for (outcome, simulated, found), count in sorted(crossed.items()):
-            print(f"{count:5d}  judge: {outcome:13} simulated: {simulated:28} joints and judge: {found}")
+        for (outcome, simulated, label), count in sorted(crossed.items()):
+            print(f"{count:5d}  judge: {outcome:13} simulated: {simulated:28} joints and judge: {label}")
         return
     found: Counter[tuple[str, bool]] = Counter()
     trials = 0

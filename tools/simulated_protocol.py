@@ -19,9 +19,10 @@ import numpy as np
 
 from betterbench.diagnosis import TrialDiagnosis, diagnose_run
 from betterbench.evaluation import write_video
+from betterbench.jobs.decisions import now
 from betterbench.real.outcomes import OUTCOMES
 from betterbench.real.plan import PlannedTrial, RealPolicy, make_plan, write_plan
-from betterbench.real.record import Film, RealJournal, TrialHeader, enter, now, write_attempt
+from betterbench.real.record import Film, RealJournal, TrialHeader, enter, write_attempt
 from betterbench.records import Record, RunFolder, read_record
 from joint_signals import judge_of, samples_of
 

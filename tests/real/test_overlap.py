@@ -15,7 +15,7 @@ SIZE = (320, 240)
 
 @pytest.fixture(scope="module")
 def plan():
-    return make_plan((RealPolicy("a", "noop"),), conditions=["train1", "O1", "T3"], seed=3)
+    return make_plan((RealPolicy("a", "noop"),), conditions=["train1", "O1", "T3", "train3"], seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +101,10 @@ def test_the_steps_say_what_to_put_where_and_what_to_take_away(trials, twin):
     basket = steps["basket"]
     assert "to the arm's right" in basket.text
     assert next(iter(twin.steps(trials["O1"]))).place != "absent"
+
+
+def test_the_wrong_tablecloth_is_noticed(plan, trials, twin):
+    found = measure_agreement(live(plan, trials["train3"]), twin.view(trials["train1"]))  # the same objects, on green
+    assert found.sentences == ("The tablecloth is not blue.",)
+    assert not found.accepted
+    assert all(o.accepted for o in found.objects)

@@ -95,6 +95,40 @@ def test_a_stopped_trial_comes_again_and_commands_that_waited_are_dropped(folder
     assert (folder / "aborted" / f"{event.code}-1" / "samples.parquet").exists()
 
 
+def test_switching_off_stops_a_running_trial_and_nothing_waits_to_switch_it_on(folder):
+    with session_on(folder) as session:
+        session.begin()
+
+        def switch():
+            while len(session._robot.commands) < 5:
+                threading.Event().wait(0.02)
+            session.put(Command("arm"))
+            session.put(Command("force"))
+            session.put(Command("disarm"))
+
+        thread = threading.Thread(target=switch)
+        thread.start()
+        view = obey(session, "arm", "force")
+        thread.join()
+        assert (view.stage, view.armed) == (Stage.SETUP, False)
+        assert "comes again: the operator switched it off" in view.message
+        assert session._commands.empty()
+
+
+def test_the_operator_ends_a_trial_that_is_over(folder):
+    with session_on(folder) as session:
+        session.begin()
+
+        def over():
+            while len(session._robot.commands) < 5:
+                threading.Event().wait(0.02)
+            session.put(Command("end"))
+
+        threading.Thread(target=over).start()
+        assert obey(session, "arm", "force").stage is Stage.ENTER
+    assert read_run(folder).trials[0].header.ending == "operator"
+
+
 def test_entries_are_taken_back_and_invalid_trials_repeated(folder):
     first = read_run(folder).plan.trials[0].code
     with session_on(folder) as session:
@@ -149,3 +183,24 @@ def test_the_view_names_neither_policy_nor_condition(folder):
     assert "scripted" not in text
     assert "O1" not in text
     assert "policy" not in text
+
+
+def test_a_page_never_sees_the_pictures_of_another_trial(folder):
+    """The scene of the next trial takes seconds; until it is there, the page stays at the last one."""
+    with session_on(folder) as session:
+        session.begin()
+        obey(session, "arm", "start")
+        before = session.view
+        seen = []
+        steps = session._twin.steps
+
+        def watched(trial):
+            seen.append((session.view.code, session.view.stage, session.twin_view is not None))
+            return steps(trial)
+
+        session._twin.steps = watched
+        obey(session, "enter froze")
+        assert seen == [(before.code, Stage.ENTER, True)]
+        assert session.view.code != before.code
+        assert session.reading is None
+        assert session.view.agreement is None

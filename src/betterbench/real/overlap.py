@@ -5,7 +5,8 @@ The measure is the normalized cross-correlation over the object and a border, pe
 removed: it does not change if a channel is brightened or tinted. The best shift tells where the object is, and the
 camera's geometry turns it into centimeters on the table.
 
-The correlation compares shapes and contrasts of colors. It does not find an object that the twin does not show.
+The correlation compares shapes and contrasts of colors. It does not find an object that the twin does not show. The
+color of the tablecloth is compared around the objects, by the ratio of green and blue.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ COARSE_PX = 3
 """Step of the first search [pixel]."""
 SAMPLES = 400
 """Largest number of compared pixels of an object."""
+CLOTH_RATIO = 0.45
+"""Largest difference of log(green / blue) of the tablecloth. The blue and the green one differ by 0.94; a warm lamp
+(0.9, 0.75) makes 0.18.
+"""
 LEAST_PX = 25
 """Smallest visible part of an object that is compared [pixel]; smaller ones are left out."""
 
@@ -88,10 +93,12 @@ class Agreement:
     Attributes:
         objects: Compared objects, the worst first.
         left_out: Objects of which too little is visible.
+        cloth: Color of the tablecloth that should lie there, if another one does; otherwise an empty text.
     """
 
     objects: tuple[ObjectAgreement, ...]
     left_out: tuple[str, ...]
+    cloth: str = ""
 
     @property
     def score(self) -> float:
@@ -100,13 +107,14 @@ class Agreement:
 
     @property
     def accepted(self) -> bool:
-        """Whether every compared object is at its place."""
-        return all(o.accepted for o in self.objects)
+        """Whether every compared object is at its place, on the right tablecloth."""
+        return not self.cloth and all(o.accepted for o in self.objects)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One sentence per object that is off."""
-        return tuple(o.sentence for o in self.objects if not o.accepted)
+        """One sentence for a wrong tablecloth, and one per object that is off."""
+        cloth = (f"The tablecloth is not {self.cloth}.",) if self.cloth else ()
+        return (*cloth, *(o.sentence for o in self.objects if not o.accepted))
 
 
 def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
@@ -126,7 +134,20 @@ def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
         else:
             found.append(_object(name, live, twin, mask))
     found.sort(key=lambda o: (o.accepted, o.score))
-    return Agreement(tuple(found), tuple(left_out))
+    return Agreement(tuple(found), tuple(left_out), _wrong_cloth(live, twin))
+
+
+def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
+    """Return the color of the twin's tablecloth if the live one differs around the objects, or an empty text."""
+    if not twin.cloth:
+        return ""
+    objects = np.logical_or.reduce(list(twin.masks.values()))
+    around = _grown(_grown(objects)) & ~_grown(objects)
+    ratios = []
+    for image in (live, twin.image):
+        _, green, blue = np.median(image[around], axis=0) + 1.0
+        ratios.append(float(np.log(green / blue)))
+    return twin.cloth if abs(ratios[0] - ratios[1]) > CLOTH_RATIO else ""
 
 
 def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -78,6 +78,7 @@ async function watch() {
     try {
       state = await (await fetch("state")).json();
       show();
+      if (state.stage === "done") return;
     } catch (problem) {
       $("message").textContent = "The program does not answer. The arm does not move; start better real run again.";
     }

@@ -1,7 +1,7 @@
 """Session of an operator: set up a scene, switch the arm on, run the trial, enter what happened, next trial.
 
 All work is done by the thread of :meth:`RealSession.run`, to which renderers belong. Pages and keys put commands into
-its queue; only :meth:`RealSession.halt` acts at once, from any thread.
+its queue; only :meth:`RealSession.halt`, and commands that end a trial, act at once, from any thread.
 
 A session may end at any moment. At the next start, an attempt that was cut off is aborted and comes again, and a trial
 that ended without an entry is shown first.
@@ -14,7 +14,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Self
@@ -93,6 +93,16 @@ class SessionView:
     can_undo: bool
 
 
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """Trial, stage, steps and twin's picture, replaced together: a page must not see those of two trials."""
+
+    trial: PlannedTrial | None = None
+    stage: Stage = Stage.SETUP
+    steps: tuple[SetupStep, ...] = ()
+    view: TwinView | None = None
+
+
 class RealSession:
     """Session on the folder of a protocol. As a context manager, it closes itself.
 
@@ -140,14 +150,11 @@ class RealSession:
         self._twin = Twin(self.plan, size=size)
         self._commands: queue.Queue[tuple[int, Command]] = queue.Queue(MOST_WAITING)
         self._halts = 0
-        self._trial: PlannedTrial | None = None
-        self._stage = Stage.SETUP
+        self._shown = _Shown()
         self._entered: list[str] = []
         self._message = ""
         self._agreement: Agreement | None = None
         self._begun_s = self._measured_s = 0.0
-        self._steps: tuple[SetupStep, ...] = ()
-        self._view: TwinView | None = None
         self.reading: Reading | None = None
         """Newest reading, for pages."""
         self.counted = 0
@@ -172,12 +179,19 @@ class RealSession:
     # ------------------------------------------------------------------------------------------- from any thread
 
     def put(self, command: Command) -> None:
-        """Queue a command; raise InvalidInputError for an unknown one."""
+        """Queue a command; raise InvalidInputError for an unknown one.
+
+        Switching the arm off acts at once. While a trial runs, all commands except that and "end" are ignored.
+        """
         if command.name not in COMMANDS:
             raise InvalidInputError("command", f"{command.name!r} is unknown", f"Use one of {', '.join(COMMANDS)}")
-        if command.name == "end" and self._stage is Stage.RUNNING:
-            self.controls.end.set()
+        if command.name == "disarm":
+            self.halt("the operator switched it off")
             return
+        if self._shown.stage is Stage.RUNNING:
+            if command.name == "end":
+                self.controls.end.set()
+            return  # a switch-on that waits would act after the trial
         try:
             self._commands.put_nowait((self._halts, command))
         except queue.Full:
@@ -198,12 +212,12 @@ class RealSession:
     @property
     def twin_view(self) -> TwinView | None:
         """The twin's picture of the current trial."""
-        return self._view
+        return self._shown.view
 
     @property
     def view(self) -> SessionView:
         """What a page shows."""
-        trial, stage = self._trial, self._stage
+        trial, stage = self._shown.trial, self._shown.stage
         states = [self._journal.state(t.code).state for t in self.plan.trials]
         return SessionView(
             stage=stage,
@@ -213,7 +227,7 @@ class RealSession:
             planned=len(states),
             instruction="" if trial is None else self.plan.instruction(trial.condition),
             cloth="" if trial is None else self._twin.cloth(trial),
-            steps=self._steps,
+            steps=self._shown.steps,
             armed=self._arm.is_armed,
             why_off=self._arm.why_off,
             message=self._message,
@@ -234,7 +248,7 @@ class RealSession:
         watcher = threading.Thread(target=self._halt_with, args=(stopped,), daemon=True)
         watcher.start()
         self.begin()
-        while not stopped.is_set() and self._stage is not Stage.DONE:
+        while not stopped.is_set() and self._shown.stage is not Stage.DONE:
             try:
                 halts, command = self._commands.get(timeout=LOOK_S)
             except queue.Empty:
@@ -260,23 +274,21 @@ class RealSession:
             return
         following = self._journal.next_trial
         if following is None:
-            self._trial, self._stage = None, Stage.DONE
+            self._shown = _Shown(stage=Stage.DONE)
             self._tell("Every trial is done.")
             return
         self._show(following, Stage.SETUP)
 
     def _show(self, trial: PlannedTrial, stage: Stage) -> None:
-        is_new = self._trial != trial
-        self._trial, self._stage = trial, stage
-        if is_new:
-            self._steps, self._view = self._twin.steps(trial), self._twin.view(trial)
-        self._agreement = None
+        steps, view = self._twin.steps(trial), self._twin.view(trial)
         if stage is Stage.SETUP:
             self._robot.set_up(trial)
+        self._agreement = self.reading = None  # of the scene before
+        self._shown = _Shown(trial, stage, steps, view)
 
     def _look(self) -> None:
         """Read the robot, and measure the scene from time to time."""
-        if self._stage is Stage.DONE:
+        if self._shown.stage is Stage.DONE:
             return
         try:
             self.reading = self._arm.read()
@@ -284,16 +296,16 @@ class RealSession:
             if self._message != str(problem):
                 self._tell(str(problem))
             return
-        if self._stage is Stage.SETUP and time.monotonic() - self._measured_s > MEASURE_S:
+        if self._shown.stage is Stage.SETUP and time.monotonic() - self._measured_s > MEASURE_S:
             self._agreement = self._measured(self.reading)
             self._measured_s = time.monotonic()
 
     def _measured(self, reading: Reading) -> Agreement | None:
         """Return the agreement of the front camera with the twin; None without a front camera."""
         frame = reading.frames.get(FRONT)
-        if frame is None or self._view is None:
+        if frame is None or self._shown.view is None:
             return None
-        return measure_agreement(frame.image, self._view)
+        return measure_agreement(frame.image, self._shown.view)
 
     def obey(self, command: Command) -> None:
         """Obey a command in this thread, and tell the operator what is wrong.
@@ -309,7 +321,7 @@ class RealSession:
             self._tell(str(problem))
 
     def _obey(self, command: Command) -> None:
-        match command.name, self._stage:
+        match command.name, self._shown.stage:
             case "arm", _:
                 self.controls.stop.clear()
                 self._arm.arm()
@@ -329,7 +341,7 @@ class RealSession:
                 self._tell(f"{command.name!r} does nothing in this stage.")
 
     def _start(self, *, forced: bool) -> None:
-        trial = self._trial
+        trial = self._shown.trial
         if trial is None:
             return
         if not self._arm.is_armed:
@@ -344,7 +356,8 @@ class RealSession:
         self.controls.end.clear()
         self.controls.show = self._keep
         folder = self._journal.begin(trial.code)
-        self._stage, self._begun_s = Stage.RUNNING, time.monotonic()
+        self._begun_s = time.monotonic()
+        self._shown = replace(self._shown, stage=Stage.RUNNING)
         self._message = ""
         try:
             made = TrialRun(
@@ -365,14 +378,14 @@ class RealSession:
             return
         self._journal.end(trial.code, header.ending or "time_limit")
         self.counted += 1
-        self._stage = Stage.ENTER
+        self._shown = replace(self._shown, stage=Stage.ENTER)
         self._tell(f"{trial.code} is over. Enter what happened.")
 
     def _keep(self, reading: Reading) -> None:
         self.reading = reading
 
     def _enter(self, outcome: str, note: str) -> None:
-        trial = self._trial
+        trial = self._shown.trial
         if trial is None:
             return
         attempt = self._journal.state(trial.code).attempt
@@ -398,8 +411,8 @@ class RealSession:
 
     def _again(self, note: str) -> None:
         """Discard the trial that ended; it comes again."""
-        if self._trial is not None:
-            code = self._trial.code
+        if self._shown.trial is not None:
+            code = self._shown.trial.code
             self._journal.repeat(code, note, self.person)
             self._tell(f"{code} comes again.")
             self.begin()

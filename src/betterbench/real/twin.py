@@ -44,11 +44,13 @@ class TwinView:
         image: (height, width, 3) uint8 RGB.
         masks: (height, width) bool of the visible part of each object, by name.
         pixels_per_m: (2, 2) motion in the image [pixel] per meter along x and y of the table, by name.
+        cloth: Color of the tablecloth, or an empty text without one.
     """
 
     image: np.ndarray
     masks: dict[str, np.ndarray]
     pixels_per_m: dict[str, np.ndarray]
+    cloth: str = ""
 
 
 class Twin:
@@ -117,7 +119,7 @@ class Twin:
                 raise AssertionError("both were requested")
             names = [placement.spec.name for placement in scene.placements]
             masks = {n: images.masks == b for n, b in zip(names, scene.compiled.bodies.tolist(), strict=True)}
-            self._view = TwinView(images.rgb, masks, self._motions(scene))
+            self._view = TwinView(images.rgb, masks, self._motions(scene), self.cloth(trial))
         return self._view
 
     def _motions(self, scene: Scene) -> dict[str, np.ndarray]:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from betterbench.real.robots.robot import Robot
     from betterbench.real.session import RealSession
 
+LAST_LOOK_S = 1.0
+"""Time for the page to show that every trial is done [s]."""
 _KEYS = "a: switch on or off   s: start   f: start anyway   e: over   space: STOP   u: undo   r: discard   q: quit"
 
 
@@ -97,6 +99,8 @@ def run_command(
                 OUT.print(f"open {served.server.url}", markup=False, soft_wrap=True)
             with _terminal_keys(session, stopped, needed=not page):
                 session.run(stopped)
+            if served is not None and not stopped.is_set():
+                stopped.wait(LAST_LOOK_S)
         finally:
             if served is not None:
                 served.server.close()

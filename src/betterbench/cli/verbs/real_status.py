@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from betterbench.cli.console import print_json, print_table
+from betterbench.cli.console import print_item, print_json, print_table
 
 
 def status_command(
@@ -56,10 +56,12 @@ def status_command(
         print_json({**counts, "next": following, "trials": rows, "aborted": aborted})
         return
     title = f"{counts['done']} of {counts['planned']} trials are done" + (f"; next: {following}" if following else "")
-    columns = list(rows[0]) if rows else ["code"]
-    print_table(
-        [name.replace("_", " ") for name in columns], [[_cell(r[c]) for c in columns] for r in rows], title=title
-    )
+    if not rows:
+        print_item(title)
+    else:
+        columns = list(rows[0])
+        cells = [[_cell(row[name]) for name in columns] for row in rows]
+        print_table([name.replace("_", " ") for name in columns], cells, title=title)
     if aborted:
         table = [[str(each[c]) for c in ("code", "attempt", "event", "reason")] for each in aborted]
         print_table(["code", "attempt", "event", "reason"], table, title="attempts that do not count")
