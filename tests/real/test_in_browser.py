@@ -83,7 +83,7 @@ class Program:
         if self.process.poll() is None:
             self.process.send_signal(number)
         self.process.wait(timeout=60)
-        self._listener.join()
+        self._listener.join(timeout=30)
         self.process.stdout.close()
         self.process.stderr.close()
         return self.process.returncode
