@@ -59,6 +59,7 @@ def test_bad_arguments_are_one_clear_line(arguments, says, tmp_path, monkeypatch
         (["--robot", "mock", "--mock-faults", "stalled=knee"], "'knee' is no motor"),
         (["--robot", "mock", "--mock-faults", "speed=3"], "speed"),
         (["--robot", "mock", "--limits", "limits.json"], "speed_rad_s: -1.0 is not a positive number"),
+        (["--robot", "mock", "--camera-size", "320", "0"], "--camera-size: 0 is out of range"),
         (["--robot", "mock", "--author", " "], "--author: '' is not a name"),
     ],
 )

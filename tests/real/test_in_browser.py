@@ -46,7 +46,8 @@ class Program:
         found = re.fullmatch(r"open (http://localhost:\d+/[\w-]{32}/)\n", self.process.stdout.readline())
         assert found is not None, self.process.stderr.read()
         self.said = []  # a full pipe would stop the program
-        threading.Thread(target=lambda: self.said.extend(self.process.stderr), daemon=True).start()
+        self._listener = threading.Thread(target=lambda: self.said.extend(self.process.stderr), daemon=True)
+        self._listener.start()
         self.page = chromium
         self.page.open(found[1], 1280, 900)
         self.wait("state !== null && state.code !== ''")
@@ -81,7 +82,11 @@ class Program:
     def end(self, number=signal.SIGKILL):
         if self.process.poll() is None:
             self.process.send_signal(number)
-        return self.process.wait(timeout=60)
+        self.process.wait(timeout=60)
+        self._listener.join(timeout=30)
+        self.process.stdout.close()
+        self.process.stderr.close()
+        return self.process.returncode
 
 
 @pytest.fixture

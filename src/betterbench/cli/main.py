@@ -113,7 +113,6 @@ VERBS: dict[str, Verb] = {
     "real": Verb(
         "real:real_command",
         "Run the diagnostic protocol on a real arm.",
-        takes_tasks=False,
         commands={
             "plan": Verb("real_plan:plan_command", "Plan randomized trials on a real arm.", takes_tasks=False),
             "run": Verb("real_run:run_command", "Run planned trials on a real arm.", takes_tasks=False),

@@ -17,7 +17,7 @@ import tyro
 
 from betterbench.cli.console import OUT, say
 from betterbench.cli.person import person_named
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, require_between
 
 if TYPE_CHECKING:
     from betterbench.real.limits import SafetyLimits
@@ -78,6 +78,8 @@ def run_command(
     from betterbench.real.plan import read_plan
     from betterbench.real.session import RealSession
 
+    for side in camera_size:
+        require_between("--camera-size", side, 16, 4096)
     person = person_named(author, "--author")
     plan = read_plan(folder)
     if robot == "mock":
