@@ -1,7 +1,8 @@
 """Take the pictures of our pages that the documentation shows, in a headless Chromium.
 
 The report covers the full suite, one trial per variation; the section on knowledge is of a run with a model's answers;
-the teleoperation page shows two packed items; the review page shows a mug set upright.
+the teleoperation page shows two packed items; the review page shows a mug set upright;
+the page of a real arm shows a scene of the mock.
 
 Example:
     better eval --policy zoo:lexical --trials 1 --out runs/lexical
@@ -10,6 +11,7 @@ Example:
     python tools/page_pictures.py knowledge runs/mine/report/index.html --out docs/pictures/knowing.png
     python tools/page_pictures.py teleop runs/by_hand --out docs/pictures/teleop.jpg
     python tools/page_pictures.py review runs/review --out docs/pictures/review.jpg
+    python tools/page_pictures.py real runs/bench --out docs/pictures/real.jpg
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ from browser_reviewer import BrowserReviewer, write_leaning_mug  # type: ignore[
 from chromium import browser  # type: ignore[import-not-found]  # noqa: E402
 from scripted_operator import CONDITION, ITEMS, TASK, above_spot, fresh_scene, grasp_of  # type: ignore[import-not-found]  # noqa: E402
 
-REPORT_SIZE, TELEOP_SIZE, REVIEW_SIZE = (1200, 700), (1280, 720), (1440, 800)
+REPORT_SIZE, TELEOP_SIZE, REVIEW_SIZE, REAL_SIZE = (1200, 700), (1280, 720), (1440, 800), (1280, 800)
 """Sizes of the pictures [px]."""
 
 LAPTOP = (1440, 840)
@@ -54,7 +56,7 @@ _DISMISS_NOTICE = "document.querySelectorAll('.mantine-Notification-closeButton'
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write one picture; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("page", choices=("report", "knowledge", "teleop", "review"))
+    parser.add_argument("page", choices=("report", "knowledge", "teleop", "review", "real"))
     parser.add_argument(
         "source", type=Path, help="the report's index.html, or a new folder for the demonstration or the review"
     )
@@ -67,6 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         if options.page == "report":
             png, size, quality = report_page(options.source, Path(profile)), REPORT_SIZE, REPORT_QUALITY
+        elif options.page == "real":
+            png, size, quality = real_page(options.source, Path(profile)), REAL_SIZE, TELEOP_QUALITY
         elif options.page == "review":
             png, size, quality = review_page(options.source, Path(profile)), REVIEW_SIZE, TELEOP_QUALITY
         else:
@@ -119,6 +123,24 @@ def teleop_page(run: Path, profile: Path) -> bytes:
             operator.click("Save")
             operator.wait_for("all saved")
         return png
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def real_page(folder: Path, profile: Path) -> bytes:
+    """Return the page of ``better real run`` as PNG: the first scene fits. The protocol goes to a folder."""
+    better = [sys.executable, "-m", "betterbench.cli", "real"]
+    subprocess.run([*better, "plan", "--out", str(folder), "--policies", "ours=noop", "--seed", "3"], check=True)
+    run = [*better, "run", str(folder), "--robot", "mock", "--cameras", "front", "wrist", "--port", "0"]
+    process = subprocess.Popen(run, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+    try:
+        url = next(iter(process.stdout or ())).removeprefix("open ").strip()
+        with browser(profile) as chromium:
+            chromium.open(url, *REAL_SIZE)
+            chromium.wait_until("state !== null && state.agreement !== null && state.agreement.accepted")
+            time.sleep(3.0)
+            return bytes(chromium.screenshot())
     finally:
         process.terminate()
         process.wait()

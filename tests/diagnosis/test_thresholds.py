@@ -53,8 +53,16 @@ UNLISTED = {
     "favorite_asked": 3,
     "nearly_all": 0.9,
     "share_of_all": 0.8,
+    # Trials of a real arm.
+    "jaw_moves": 5.0,
+    "jaw_rests": 1.5,
+    "jaw_gap": 4.0,
+    "jaw_load": 0.1,
+    "jaw_shut": 15.0,
+    "jaw_fully_shut": 4.0,
+    "held_share": 0.5,
 }
-"""Values that decided before they had an entry, so that no stored diagnosis lists them."""
+"""Values that no stored diagnosis lists: they decided before they had an entry, or decide only trials of a real arm."""
 
 
 @functools.cache

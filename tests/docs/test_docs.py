@@ -124,4 +124,4 @@ def test_every_threshold_states_its_reason():
     for entry in threshold_table():
         assert len(entry.reason) > 20, entry.name
         assert entry.reason.endswith("."), entry.name
-        assert entry.unit in ("m", "s", "rad", "m/s", "rad/s", "N", "1"), entry.name
+        assert entry.unit in ("m", "s", "rad", "m/s", "rad/s", "N", "1", "%"), entry.name

@@ -111,6 +111,17 @@ VERBS: dict[str, Verb] = {
         },
     ),
     "review": Verb("review:review_command", "Review imported meshes and scenes in the browser.", takes_suite=True),
+    "real": Verb(
+        "real:real_command",
+        "Run the diagnostic protocol on a real arm.",
+        commands={
+            "plan": Verb("real_plan:plan_command", "Plan randomized trials on a real arm.", takes_tasks=False),
+            "run": Verb("real_run:run_command", "Run planned trials on a real arm.", takes_tasks=False),
+            "status": Verb("real_status:status_command", "Show the state of a protocol.", takes_tasks=False),
+            "judge": Verb("real_judge:judge_command", "Judge the films of a protocol blind.", takes_tasks=False),
+            "report": Verb("real_report:report_command", "Report a protocol on a real arm.", takes_tasks=False),
+        },
+    ),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
     "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
     "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),
@@ -167,7 +178,7 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "vlm", "demo", "train", "study", "assets", "review", "generate", "build"}
+) | {"vqa", "vlm", "demo", "train", "study", "assets", "review", "generate", "build", "real"}
 """Verbs whose command can be repeated to resume after an interruption."""
 
 EXIT_BAD_INPUT = 2

@@ -281,4 +281,44 @@ REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
 FAILS_AT = threshold("fails_at", 0.5, "1",
     "Maximum success rate at which a pretender fails a variation: the rate of a coin flip.",
     "Larger: no label changes; more variations count as evidence of an ability.")
+
+# Trials of a real arm: what joint states show (betterbench.real). The simulated diagnosis does not use these values, so
+# that its stored results do not list them. The gripper is 0 closed to 100 open, in percent of its travel.
+JAW_MOVES = threshold("jaw_moves", 5.0, "%",
+    "Minimum change of the opening for a closing or an opening. The encoder resolves 0.08 % and a printed jaw has a "
+    "backlash of about 1 %; 5 % are 5 mm at the fingertip of an SO-101.",
+    "Larger: fewer closings are found in joint states; fewer behavioral_inertia and execution_failure of a real arm, "
+    "more early_halt.",
+    listed=False)
+JAW_RESTS = threshold("jaw_rests", 1.5, "%",
+    "Largest change of the opening within stop_time of a jaw that has stopped; the backlash and the flicker of an "
+    "encoder are smaller.",
+    "Larger: a slowly closing jaw counts as stopped; fewer behavioral_inertia of a real arm, more execution_failure.",
+    listed=False)
+JAW_GAP = threshold("jaw_gap", 4.0, "%",
+    "Minimum distance between measured and commanded opening at which a stopped jaw is held open by an object. The "
+    "empty jaw of the twin follows its command within 0.1 %, and around a fruit it stops 8 to 9 % short of it.",
+    "Larger: fewer closings are on an object if the load is unknown; fewer success and more contradictions with what "
+    "people saw, so no label changes by itself.",
+    listed=False)
+JAW_LOAD = threshold("jaw_load", 0.1, "1",
+    "Minimum load of the gripper's motor, as a fraction of its maximum, of a jaw that presses on something. A choice: "
+    "the friction of the motor is 0.052 of 2.94 N m, and LeRobot limits the gripper to half of its torque. To be "
+    "measured on the arm.",
+    "Larger: fewer closings are on an object if the load is known; more behavioral_inertia of a real arm.",
+    listed=False)
+JAW_SHUT = threshold("jaw_shut", 15.0, "%",
+    "Opening up to which no object of the fruit basket fits between the jaws: 26 mm, and the narrowest object is 35 mm "
+    "wide, which is 22 %.",
+    "Larger: more closings are on nothing; more behavioral_inertia and phase_conflict of a real arm.",
+    listed=False)
+JAW_FULLY_SHUT = threshold("jaw_fully_shut", 4.0, "%",
+    "Opening up to which the jaws touch each other, so that a load shows no object; the calibration of the closed jaw "
+    "differs by up to 2 % from one time to the next.",
+    "Larger: more closings with a load are on nothing; more behavioral_inertia of a real arm.",
+    listed=False)
+HELD_SHARE = threshold("held_share", 0.5, "1",
+    "Share of control steps without an answer of the policy from which the trial is a failure of the system.",
+    "Larger: fewer policy_error of a real arm, more early_halt and phase_conflict.",
+    listed=False)
 # fmt: on

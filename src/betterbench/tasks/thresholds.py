@@ -14,7 +14,7 @@ class Threshold:
     """Table entry: value, unit, purpose and effect of a threshold.
 
     Attributes:
-        unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
+        unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.
         reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: Whether runs, stored diagnoses and reports list the threshold.
@@ -37,7 +37,7 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
     Args:
         name: Name in runs, stored diagnoses and reports.
         value: Value in ``unit``.
-        unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
+        unit: "m", "s", "rad", "m/s", "N", "%"; "1" for a plain number.
         reason: Use of the threshold, and the source of its value.
         effect: Labels that become more or less frequent with a larger value.
         listed: False for a value that was in use before it had an entry. Stored diagnoses lack such a value, and

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from betterbench.diagnosis.analysis.paths import to_and_fro_from
 from betterbench.diagnosis.analysis.trace import Trace
 from betterbench.diagnosis.thresholds import (
     BEGINS_TO_MOVE,
@@ -23,7 +24,6 @@ from betterbench.diagnosis.thresholds import (
     COMES_DOWN,
     COMES_NEARER,
     FLICKER_TIME,
-    LEAST_REGION,
     OVER_HEIGHT,
     PASSING,
     PASSING_AT_END,
@@ -36,12 +36,9 @@ from betterbench.diagnosis.thresholds import (
     RETURNS,
     RISEN_AGAIN,
     RUNS_INTO,
-    SEARCH_STEP,
     STAY_SHARE,
     STAY_TIME,
     STRAIGHT,
-    TO_AND_FRO,
-    TO_AND_FRO_TRAVEL,
 )
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.judging.attempts import GraspAttempt
@@ -241,16 +238,8 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     first += int(holding[-1]) + 1 if holding.size else 0
     if trace.rows - first < trace.steps(THRESHOLDS.halt_time):
         return None
-    tool = trace.tool[first:]
-    steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
-    left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # path length from each row to the end
-    for k in range(0, len(tool), trace.steps(SEARCH_STEP)):
-        diameter = float(np.linalg.norm(np.ptp(tool[k:], axis=0)))
-        if left[k] < TO_AND_FRO_TRAVEL:
-            return None
-        if left[k] >= TO_AND_FRO * max(diameter, LEAST_REGION):
-            return first + k, trace.rows - 1
-    return None
+    begins = to_and_fro_from(trace.tool[first:], trace.rate_hz)
+    return None if begins is None else (first + begins, trace.rows - 1)
 
 
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:

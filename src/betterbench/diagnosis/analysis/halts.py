@@ -12,12 +12,11 @@ from betterbench.diagnosis.analysis.episode_analysis import (
     Step,
     once_per_episode,
 )
+from betterbench.diagnosis.analysis.paths import resting_rows, runs_of, stays_in_place, still_rows
 from betterbench.diagnosis.analysis.trace import Trace, place_middle
 from betterbench.diagnosis.thresholds import (
     COME_TO_REST,
-    DRIFT,
     FLICKER_TIME,
-    HALT_RADIUS,
     OVER_GOAL,
     PAUSES_VARY,
     SEARCH_STEP,
@@ -46,7 +45,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     kept = kept_at_its_place(episode) is not None
     # A gripper at the object to be grasped, or with the object at its target, has halted only without any motion.
     arrived = kept or comes_down_to(trace, episode.idle_from) in episode.wanted(episode.idle_from)
-    still = _at_rest(trace) if arrived else _still(trace)
+    still = (resting_rows if arrived else still_rows)(trace.tool, trace.rate_hz)
     if not arrived and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
         still[_in_place_from(trace) :] = True
     for step in episode.steps:
@@ -60,7 +59,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     )
     needed = trace.steps(THRESHOLDS.halt_time)
     pauses: list[int] = []
-    for start, stop in _runs(still):
+    for start, stop in runs_of(still):
         begin = _rests_from(trace, max(start, last + 1), stop)
         if begin is not None and episode.open_goals(begin) and episode.open_goals(begin + needed - 1):
             return (begin, stop - 1) if stop - begin >= _usual(pauses, needed) else None
@@ -125,24 +124,18 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
     The arm may slow down before it comes to rest.
     """
     last = stop - trace.steps(THRESHOLDS.halt_time)
-    if start <= last and _stays(trace, start):
+    if start <= last and stays_in_place(trace.tool, trace.time, start):
         return start
     rows = range(start, last + 1, trace.steps(SEARCH_STEP))
-    return next((row for row in rows if _stays(trace, row, within=COME_TO_REST)), None)
+    return next((row for row in rows if stays_in_place(trace.tool, trace.time, row, within=COME_TO_REST)), None)
 
 
 def _in_place_from(trace: Trace) -> int:
     """Return a row from which the arm moves in place until the end for long enough, or else the number of rows."""
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
-        if _stays(trace, begin):
+        if stays_in_place(trace.tool, trace.time, begin):
             return begin
     return trace.rows
-
-
-def _stays(trace: Trace, begin: int, *, within: float = HALT_RADIUS) -> bool:
-    """Return whether the tool center point stays at its position until the episode ends, apart from drift."""
-    away = np.linalg.norm(trace.tool[begin:] - trace.tool[begin], axis=1)
-    return bool((away <= within + DRIFT * (trace.time[begin:] - trace.time[begin])).all())
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
@@ -156,40 +149,3 @@ def _busy_until(trace: Trace, step: Step) -> int:
     before = max(step.grasp.end, release - trace.steps(THRESHOLDS.halt_time))
     carried = float(np.linalg.norm(trace.tool[before : release + 1] - trace.tool[release], axis=1).max())
     return release if carried > THRESHOLDS.begun_lift else step.grasp.end
-
-
-def travel(trace: Trace) -> np.ndarray:
-    """Return the path length of the tool center point up to each row, shape (T,) [m]."""
-    lengths = np.linalg.norm(np.diff(trace.tool, axis=0), axis=1)
-    return np.concatenate(([0.0], np.cumsum(lengths)))
-
-
-def _still(trace: Trace) -> Bools:
-    """Return the rows with an average displacement of the tool center point below ``halt_speed``."""
-    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
-    gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
-    slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
-    return _covered(slow, window, trace.rows)
-
-
-def _at_rest(trace: Trace) -> Bools:
-    """Return the rows with a path speed of the tool center point below ``halt_speed``, back-and-forth included."""
-    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
-    way = travel(trace)
-    slow = (way[window:] - way[:-window]) * trace.rate_hz / window < THRESHOLDS.halt_speed
-    return _covered(slow, window, trace.rows)
-
-
-def _covered(slow: Bools, window: int, rows: int) -> Bools:
-    """Return the rows that lie in any slow window."""
-    still = np.zeros(rows, dtype=np.bool_)
-    for shift in range(window + 1):
-        still[shift : shift + len(slow)] |= slow
-    return still
-
-
-def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the spans of true flags as half-open ranges."""
-    padded = np.concatenate(([False], flags, [False]))
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

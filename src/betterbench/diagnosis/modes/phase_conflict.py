@@ -15,7 +15,8 @@ from betterbench.diagnosis.analysis.approaches import (
     to_and_fro,
 )
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
-from betterbench.diagnosis.analysis.halts import find_halt, travel
+from betterbench.diagnosis.analysis.halts import find_halt
+from betterbench.diagnosis.analysis.paths import path_length
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
@@ -63,7 +64,7 @@ def _find(trial: TrialView) -> Evidence | None:
     rows = to_and_fro(episode.trace, episode.idle_from)
     if rows is None or not episode.open_goals(rows[1]) or _goes_somewhere(episode, rows) or _all_asked(episode, rows):
         return None
-    way = float(np.ptp(travel(episode.trace)[[*rows]]))
+    way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
     where = f"between {listed(names)}" if (names := _names(episode, rows)) else "without a recognizable target"
     text = f"The empty gripper moves to and fro {where} until the end, {way:.1f} m in total, and never grasps."
     return episode.evidence("to_and_fro", text, rows=rows)

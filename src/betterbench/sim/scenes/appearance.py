@@ -38,6 +38,9 @@ CAMERA_TURN_RAD = math.radians(1.0)
 LIGHT_TURN_RAD = math.radians(4.0)
 """Half width of the jitter in key light direction, about the world axes [rad]."""
 
+NO_VIEW_JITTER = ViewJitter({}, (0.0, 0.0, 0.0))
+"""Cameras and key light in their nominal poses."""
+
 START_SHIFT_M = 0.02
 """Half width of the jitter in the end effector's start, along the world axes [m]."""
 

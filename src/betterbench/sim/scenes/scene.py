@@ -23,7 +23,7 @@ from betterbench.sim.robots.control import ControllerState
 from betterbench.sim.robots.dynamics import with_dynamics
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.readers import number_reader, row_reader, speed_reader
-from betterbench.sim.scenes.appearance import dynamics_of, room_of, start_joints_of, view_jitter_of
+from betterbench.sim.scenes.appearance import NO_VIEW_JITTER, dynamics_of, room_of, start_joints_of, view_jitter_of
 from betterbench.sim.scenes.builder import (
     LABELS,
     CompiledScene,
@@ -97,16 +97,18 @@ class Scene:
         robot_name: str | None = None,
         control_rate_hz: float = CONTROL_RATE_HZ,
         looks: Looks = "seen",
+        steady_views: bool = False,
     ) -> None:
         """Build, compile and reset the scene. A control step is an integer number of physics steps of 2 ms.
 
-        The robot is by default the one that the task is laid out for.
+        The robot is by default the one that the task is laid out for. With ``steady_views``, cameras and light are in
+        their nominal poses, as for a real camera that nobody moves between trials.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks
         self.placements = place_objects(task, condition, seed, shown=looks)
         self.room = with_cloth(room_of(task.id, seed, shown=looks), condition.cloth)
-        self.view_jitter = view_jitter_of(task.id, seed)
+        self.view_jitter = NO_VIEW_JITTER if steady_views else view_jitter_of(task.id, seed)
         self.compiled: CompiledScene = compile_scene(
             self.placements, quality, robot_name=robot_name or task.robot, room=self.room
         )

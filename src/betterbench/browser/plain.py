@@ -1,0 +1,170 @@
+"""A plain HTTP server for a page of this machine: files, JSON and pictures behind a token, without viser.
+
+The token is the first part of every path, as in :mod:`betterbench.browser.gate`. Requests of pages of other sites are
+rejected, and a page may load nothing from elsewhere.
+"""
+
+from __future__ import annotations
+
+import functools
+import hmac
+import http.server
+import json
+import secrets
+import threading
+from collections.abc import Callable, Mapping
+from http import HTTPStatus
+from typing import Any
+
+from betterbench.browser.server import free_port
+from betterbench.errors import BetterError
+from betterbench.json_form import parse_json
+from betterbench.policies.serving.callers import is_own_host, is_own_origin
+
+MOST_BYTES = 1 << 16
+"""Largest request [byte]."""
+TIMEOUT_S = 10.0
+"""Longest time that a connection may be idle [s]."""
+
+_HEADERS = {
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": (
+        "default-src 'none'; img-src 'self' data: blob:; media-src 'self'; style-src 'self'; script-src 'self'; "
+        "connect-src 'self'; form-action 'none'; base-uri 'none'"
+    ),
+}
+
+Answer = tuple[str, bytes]
+"""Media type and content of an answer."""
+
+
+class PlainServer:
+    """A server of one page, which listens until it is closed."""
+
+    def __init__(
+        self,
+        get: Mapping[str, Callable[[], Answer | None]],
+        post: Callable[[dict[str, Any]], object],
+        *,
+        host: str,
+        port: int,
+        verb: str,
+    ) -> None:
+        """Listen.
+
+        Args:
+            get: Makes the answer for each path below the token ("", "state"); None is answered with 404. The functions
+                are called from many threads.
+            post: Obeys a JSON object sent to "do", and returns a JSON value. A BetterError is sent to the page.
+            host: Interface.
+            port: Port; 0 for any free one.
+            verb: Command of the page, for the rejection.
+
+        Raises:
+            InvalidInputError: If the port is taken.
+        """
+        self._host, self._token = host, secrets.token_urlsafe(24)
+        handler = functools.partial(_Handler, host=host, token=self._token, get=get, post=post, verb=verb)
+        self._server = http.server.ThreadingHTTPServer((host, free_port(host, port)), handler)
+        self._server.daemon_threads = True
+        self.port = int(self._server.server_address[1])
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), name="page", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """The page address, with its token."""
+        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{name}:{self.port}/{self._token}/"
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the server listens only on this machine."""
+        return self._host in ("127.0.0.1", "localhost", "::1")
+
+    def close(self) -> None:
+        """Stop listening. Closing it again is harmless."""
+        if self._thread.is_alive():
+            self._server.shutdown()
+            self._thread.join()
+            self._server.server_close()
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    """Answers of a :class:`PlainServer`."""
+
+    protocol_version = "HTTP/1.1"
+    timeout = TIMEOUT_S
+
+    def __init__(
+        self,
+        *arguments: Any,  # noqa: ANN401 - of the server
+        host: str,
+        token: str,
+        get: Mapping[str, Callable[[], Answer | None]],
+        post: Callable[[dict[str, Any]], object],
+        verb: str,
+    ) -> None:
+        self._host, self._token, self._get, self._post, self._verb = host, token, get, post, verb
+        super().__init__(*arguments)
+
+    def do_GET(self) -> None:
+        """Answer a page, a picture or a state."""
+        inside = self._inside()
+        if inside is None:
+            return
+        make = self._get.get(inside)
+        answer = None if make is None else make()
+        if answer is None:
+            self._send(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"not found\n")
+        else:
+            self._send(HTTPStatus.OK, *answer)
+
+    def do_POST(self) -> None:
+        """Obey a command."""
+        inside = self._inside()
+        if inside is None:
+            return
+        length = self.headers.get("Content-Length", "")
+        if inside != "do" or not length.isdigit() or int(length) > MOST_BYTES:
+            self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", b"This request cannot be read.\n")
+            return
+        try:
+            form = parse_json(self.rfile.read(int(length)), unique=True)
+            answer = self._post(form) if isinstance(form, dict) else {"error": "Expected a JSON object."}
+        except (BetterError, ValueError) as problem:
+            answer = {"error": str(problem)}
+        self._send(HTTPStatus.OK, "application/json", json.dumps(answer).encode())
+
+    def _inside(self) -> str | None:
+        """Return the path after the token, or None after a rejection."""
+        hosts = self.headers.get_all("Host") or []
+        given, _, rest = self.path.partition("?")[0].removeprefix("/").partition("/")
+        if (
+            hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
+            and is_own_host(hosts, self._host)
+            and is_own_origin(self.headers.get_all("Origin") or [], hosts)
+        ):
+            return rest
+        text = f"Access denied: open the address printed by {self._verb}, with its token.\n"
+        self.close_connection = True  # a rejected request may have a body that nobody reads
+        self._send(HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", text.encode())
+        return None
+
+    def _send(self, status: HTTPStatus, kind: str, data: bytes) -> None:
+        try:
+            self.send_response(status)
+            for name, value in _HEADERS.items():
+                self.send_header(name, value)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+        except OSError:  # the page was closed
+            self.close_connection = True
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name in http.server
+        """Log nothing: requests carry the token."""

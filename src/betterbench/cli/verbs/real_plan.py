@@ -1,0 +1,71 @@
+"""``better real plan``: write the frozen plan of a protocol on a real arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from betterbench.cli.console import say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.real.plan import RealPolicy
+
+
+def plan_command(
+    *,
+    out: Path,
+    policies: tuple[str, ...],
+    task: str = "fruit_basket",
+    conditions: tuple[str, ...] = (),
+    trials: int = 1,
+    seed: int = 0,
+    unit: Literal["degrees", "normalized"] = "degrees",
+    rate_hz: float = 20.0,
+    time_limit_s: float = 30.0,
+) -> None:
+    """Plan a protocol on a real arm: randomized blocks of conditions and policies, with a code for each trial.
+
+    Each block holds every condition once for every policy. The policies of a condition follow each other in changing
+    order, so that a drift of light or calibration reaches all of them. A plan is never changed.
+
+    Example: better real plan --out bench --policies ours=openpi://127.0.0.1:8000 base=lerobot:checkpoint --trials 3
+
+    Args:
+        out: Folder of the protocol.
+        policies: Policies as NAME=ADDRESS; their actions have to be joint positions of the SO-101 in --unit.
+        task: Task of the suite.
+        conditions: Conditions of the task; by default one for each cell of its diagnostic matrices.
+        trials: Trials per condition and policy.
+        seed: Seed of the order and the codes; the same options give the same plan.
+        unit: Unit of the arm's positions, as in lerobot: degrees, or -100 to 100 (normalized).
+        rate_hz: Rate of actions, as the policies were trained.
+        time_limit_s: Longest duration of a trial in seconds.
+    """
+    from betterbench.real.plan import make_plan, write_plan
+
+    plan = make_plan(
+        [_policy(text) for text in policies],
+        task=task,
+        conditions=conditions or None,
+        repeats=trials,
+        seed=seed,
+        unit=unit,
+        rate_hz=rate_hz,
+        time_limit_s=time_limit_s,
+    )
+    path = write_plan(out, plan)
+    count = f"{len(plan.conditions)} conditions x {len(plan.policies)} policies x {trials}"
+    say(f"wrote {path} with {len(plan.trials)} trials ({count}); next: better real run {out}", whole=True)
+
+
+def _policy(text: str) -> RealPolicy:
+    """Return a policy from NAME=ADDRESS."""
+    from betterbench.policies.kinds import kind_of
+    from betterbench.real.plan import RealPolicy
+
+    name, separator, address = text.partition("=")
+    if not separator or not name or not address:
+        raise InvalidInputError("--policies", f"{text!r} is not NAME=ADDRESS", "Write ours=openpi://127.0.0.1:8000")
+    kind_of(address)
+    return RealPolicy(name, address)

@@ -1,0 +1,246 @@
+"""``better real run``: guide an operator through the trials of a protocol."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, say
+from betterbench.cli.person import person_named
+from betterbench.errors import InvalidInputError, require_between
+
+if TYPE_CHECKING:
+    from betterbench.real.limits import SafetyLimits
+    from betterbench.real.plan import RealPlan
+    from betterbench.real.robots.robot import Robot
+    from betterbench.real.session import RealSession
+
+LAST_LOOK_S = 1.0
+"""Time for the page to show that every trial is done [s]."""
+_KEYS = "a: switch on or off   s: start   f: start anyway   e: over   space: STOP   u: undo   r: discard   q: quit"
+
+
+def run_command(
+    folder: Annotated[Path, tyro.conf.Positional],
+    *,
+    robot: Literal["so101", "mock"] = "so101",
+    arm_port: str = "",
+    arm_id: str = "follower",
+    cameras: tuple[str, ...] = ("front=0",),
+    camera_size: tuple[int, int] = (640, 480),
+    camera_rate_hz: int = 30,
+    limits: Path | None = None,
+    mock_faults: tuple[str, ...] = (),
+    author: str | None = None,
+    page: bool = True,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> None:
+    """Run the trials of a plan on an arm: set up, switch on, start, and enter what happened.
+
+    The page shows what to put where, with the twin's objects over the live front camera, and measures whether the
+    scene matches. The arm moves only while its switch is on and within the safety limits; the space key stops it. A
+    trial that was stopped or cut off comes again. The same command continues where it stopped. Keys also work in the
+    terminal; with --no-page, only there.
+
+    The command listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
+    The printed address contains a token that every request needs.
+
+    Example: better real run bench --arm-port /dev/ttyACM0 --cameras front=0 wrist=2
+
+    Args:
+        folder: Folder of the protocol.
+        robot: so101 for the arm behind lerobot; mock for a simulated arm, to practice.
+        arm_port: Serial port of the arm.
+        arm_id: Id under which lerobot keeps the calibration of the arm.
+        cameras: Cameras as NAME=INDEX or NAME=PATH; one is named front. For mock: names.
+        camera_size: Width and height of their images in pixels.
+        camera_rate_hz: Rate of the cameras.
+        limits: JSON file with safety limits that differ from the defaults, such as {"speed_rad_s": 1.0}.
+        mock_faults: Faults of the mock as NAME=VALUE, such as stalled=elbow_flex after_s=1.
+        author: Name of the operator in the entries; the user's name if not given.
+        page: Serve the page.
+        host: Interface of the page; on 0.0.0.0 the token of the address is sent unencrypted.
+        port: Port of the page; 0 for any free one.
+    """
+    from betterbench.cli.verbs.serve import stopped_by_signal
+    from betterbench.real.page import OperatorPage
+    from betterbench.real.plan import read_plan
+    from betterbench.real.session import RealSession
+
+    for side in camera_size:
+        require_between("--camera-size", side, 16, 4096)
+    person = person_named(author, "--author")
+    plan = read_plan(folder)
+    if robot == "mock":
+        arm = _mock(plan, cameras, camera_size, mock_faults)
+    else:
+        if mock_faults:
+            raise InvalidInputError("--mock-faults", "a real arm has its own", "Leave them out, or give --robot mock")
+        arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
+    size = (320, round(320 * camera_size[1] / camera_size[0]))
+    with (
+        RealSession(folder, arm, person=person, limits=_limits(limits), size=size, say=_tell) as session,
+        stopped_by_signal() as stopped,
+    ):
+        served = OperatorPage(session, host=host, port=port) if page else None
+        try:
+            if served is not None:
+                if not served.server.is_local:
+                    say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
+                OUT.print(f"open {served.server.url}", markup=False, soft_wrap=True)
+            with _terminal_keys(session, stopped, needed=not page):
+                session.run(stopped)
+            if served is not None and not stopped.is_set():
+                stopped.wait(LAST_LOOK_S)
+        finally:
+            if served is not None:
+                served.server.close()
+    left = session.view.planned - session.view.done
+    say(f"stopped; {left} of {session.view.planned} trials are left" if left else "every trial is done", whole=True)
+
+
+def _tell(text: str) -> None:
+    say(text, whole=True)
+
+
+def _named(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    """Return NAME=VALUE texts as a mapping; raise InvalidInputError for another form or a name given twice."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, separator, value = text.partition("=")
+        if not separator or not name.isidentifier() or name in found:
+            raise InvalidInputError(option, f"{text!r} is not NAME=VALUE, each name once", "Write front=0")
+        found[name] = value
+    return found
+
+
+def _so101(
+    plan: RealPlan, port: str, arm_id: str, cameras: tuple[str, ...], *, size: tuple[int, int], rate_hz: int
+) -> Robot:
+    from betterbench.real.robots.lerobot_arm import LeRobotArm
+
+    named = _named(cameras, "--cameras")
+    if "front" not in named:
+        raise InvalidInputError("--cameras", "no camera is named front", "Give front=0; the twin is compared with it")
+    return LeRobotArm(port, arm_id=arm_id, unit=plan.unit, cameras=named, size=size, rate_hz=rate_hz)
+
+
+def _mock(plan: RealPlan, cameras: tuple[str, ...], size: tuple[int, int], faults: tuple[str, ...]) -> Robot:
+    from pydantic import TypeAdapter
+
+    from betterbench.json_form import parse_json, read_form
+    from betterbench.real.robots.mock import MockFaults, MockRobot
+
+    form: dict[str, Any] = {}
+    texts = {field.name for field in dataclasses.fields(MockFaults) if field.type == "str"}
+    for name, value in _named(faults, "--mock-faults").items():
+        form[name] = value
+        if name not in texts:
+            try:
+                form[name] = parse_json(value)
+            except ValueError:
+                raise InvalidInputError("--mock-faults", f"{value!r} is no value of {name}", "Give a number") from None
+    made = read_form(TypeAdapter(MockFaults), form, where="--mock-faults", cure="Give another value")
+    names = tuple(text.partition("=")[0] for text in cameras)
+    return MockRobot(plan, faults=made, cameras=names, size=size)
+
+
+def _limits(path: Path | None) -> SafetyLimits | None:
+    """Return the limits of a file."""
+    from pydantic import TypeAdapter
+
+    from betterbench.json_form import read_bounded, read_form
+    from betterbench.real.limits import SafetyLimits
+
+    if path is None:
+        return None
+    raw = read_bounded(path, max_bytes=1 << 16, cure="Give a JSON file")
+    return read_form(TypeAdapter(SafetyLimits), raw, where=str(path), cure="Give another value")
+
+
+@contextmanager
+def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bool) -> Iterator[None]:
+    """Obey keys of the terminal meanwhile. Without a terminal, lines of standard input, if they are needed."""
+    if not sys.stdin.isatty():
+        if needed:
+            threading.Thread(target=_obey_lines, args=(session, stopped), daemon=True).start()
+        yield
+        return
+    say(_KEYS, whole=True)
+    handle = sys.stdin.fileno()
+    before = termios.tcgetattr(handle)
+    tty.setcbreak(handle)
+    threading.Thread(
+        target=_obey_keys, args=(session, stopped, lambda: os.read(handle, 1).decode("ascii", "replace")), daemon=True
+    ).start()
+    try:
+        yield
+    finally:
+        termios.tcsetattr(handle, termios.TCSADRAIN, before)
+
+
+def _obey_lines(session: RealSession, stopped: threading.Event) -> None:
+    """Obey lines: a key, and a note after it."""
+    for line in sys.stdin:
+        key, _, note = line.rstrip("\n").partition(" ")
+        if line.startswith(" "):
+            key, note = " ", ""
+        if not obey_key(session, key, note, stopped):
+            return
+    stopped.set()
+
+
+def _obey_keys(session: RealSession, stopped: threading.Event, read: Callable[[], str]) -> None:
+    note = ""
+    typing = False
+    while not stopped.is_set():
+        key = read()
+        if not key:
+            return
+        if typing:
+            typing = key not in ("\n", "\r")
+            note = note + key if typing else note
+        elif key == "n":
+            typing, note = True, ""
+            say("note (end with Enter):")
+        else:
+            if not obey_key(session, key, note, stopped):
+                return
+            note = ""
+
+
+def obey_key(session: RealSession, key: str, note: str, stopped: threading.Event) -> bool:
+    """Obey a key of the terminal, and return whether to go on."""
+    from betterbench.real.outcomes import OUTCOMES
+    from betterbench.real.session import Command, Stage
+
+    view = session.view
+    outcome = next((each for each in OUTCOMES if each.key == key), None)
+    names = {"s": "start", "f": "force", "e": "end", "u": "undo", "r": "again"}
+    if key == "q":
+        stopped.set()
+        return False
+    if key == " ":
+        session.halt()
+    elif key == "a":
+        session.put(Command("disarm" if view.armed else "arm"))
+    elif key == "h":
+        say(_KEYS, whole=True)
+        for each in OUTCOMES:
+            say(f"{each.key}: {each.title}. {each.definition}", whole=True)
+    elif outcome is not None and view.stage is Stage.ENTER:
+        session.put(Command("enter", outcome.name, note))
+    elif key in names:
+        session.put(Command(names[key], note=note))
+    return True

@@ -1,0 +1,103 @@
+"""Agreement of people who saw the same trials: Cohen's kappa of each pair, and the trials on which they disagree."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.real.outcomes import OUTCOMES
+from betterbench.real.record import RealTrial, Role
+from betterbench.statistics.agreement import AgreementTable
+
+
+@dataclass(frozen=True, slots=True)
+class Rater:
+    """A person in a role."""
+
+    name: str
+    role: Role
+
+    def __str__(self) -> str:
+        """Return the name, with the role of an operator."""
+        return self.name if self.role == "judge" else f"{self.name} (operator)"
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """A trial to which two raters gave different outcomes."""
+
+    code: str
+    first: str
+    second: str
+
+
+@dataclass(frozen=True, slots=True)
+class PairAgreement:
+    """Agreement of two raters.
+
+    Attributes:
+        table: Outcomes of the trials that both have seen, the first rater's in rows.
+        disagreements: Trials with different outcomes, in the order of the plan.
+    """
+
+    first: Rater
+    second: Rater
+    table: AgreementTable
+    disagreements: tuple[Disagreement, ...]
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether both are judges."""
+        return self.first.role == self.second.role == "judge"
+
+    @property
+    def sentence(self) -> str:
+        """Number of equal outcomes, and kappa with its interval."""
+        n = self.table.n
+        text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
+        kappa, interval = self.table.kappa, self.table.interval()
+        if kappa is None or interval is None:
+            return f"{text}; kappa is not defined, because all outcomes are the same one."
+        return f"{text}; Cohen's kappa {kappa:.2f} (95 % interval {interval.low:.2f} to {interval.high:.2f})."
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        interval = self.table.interval()
+        return {
+            "first": str(self.first),
+            "second": str(self.second),
+            "n": self.table.n,
+            "same": self.table.n - len(self.disagreements),
+            "kappa": self.table.kappa,
+            "low": None if interval is None else interval.low,
+            "high": None if interval is None else interval.high,
+            "disagreements": [{"trial": d.code, "first": d.first, "second": d.second} for d in self.disagreements],
+        }
+
+
+def agreements_of(trials: Iterable[RealTrial]) -> tuple[PairAgreement, ...]:
+    """Return the agreement of each two raters with trials in common: pairs of judges first, then operators with judges.
+
+    Trials that one of them has not seen are left out of a pair.
+    """
+    seen: dict[Rater, dict[str, str]] = {}
+    order: list[str] = []
+    for trial in trials:
+        order.append(trial.code)
+        for entry in trial.entries:
+            if entry.decision.kind == "seen":
+                seen.setdefault(Rater(entry.author, entry.role), {})[trial.code] = entry.decision.outcome
+    raters = sorted(seen, key=lambda rater: (rater.role != "judge", rater.name))
+    categories, found = [outcome.name for outcome in OUTCOMES], []
+    for first, second in itertools.combinations(raters, 2):
+        if first.role == second.role == "operator":
+            continue
+        both = [code for code in order if code in seen[first] and code in seen[second]]
+        if both:
+            pairs = [(seen[first][code], seen[second][code]) for code in both]
+            apart = [Disagreement(code, a, b) for code, (a, b) in zip(both, pairs, strict=True) if a != b]
+            table = AgreementTable.of_pairs(pairs, categories)
+            found.append(PairAgreement(first, second, table, tuple(apart)))
+    return tuple(found)

@@ -1,0 +1,101 @@
+"""The arm behind its limits and its switch: the only sender of commands.
+
+Nothing is sent unless the switch is on. Stopping may come from any thread: when :meth:`SafeArm.stop` returns, the arm
+was told to hold its measured position, and no further command is sent until the switch is turned on again.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+import numpy as np
+
+from betterbench.errors import BetterError
+from betterbench.real.limits import Limited, Limiter
+from betterbench.real.robots.robot import Reading, Robot, RobotError
+
+logger = logging.getLogger(__name__)
+
+
+class NotArmedError(BetterError):
+    """A motion was asked for while the arm's switch is off."""
+
+
+class SafeArm:
+    """A robot whose commands pass the limits, and only while its switch is on."""
+
+    def __init__(self, robot: Robot, limiter: Limiter) -> None:
+        """Prepare; the switch is off."""
+        self.robot, self.limiter = robot, limiter
+        self._lock = threading.RLock()
+        self._is_armed, self._why = False, "the switch was never turned on"
+        self._state: np.ndarray | None = None
+        self._has_moved = False
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether the switch is on."""
+        return self._is_armed
+
+    @property
+    def why_off(self) -> str:
+        """Reason why the switch is off, or an empty text."""
+        return "" if self._is_armed else self._why
+
+    def arm(self) -> None:
+        """Turn the switch on. Nothing moves before a command."""
+        with self._lock:
+            self._is_armed, self._why = True, ""
+
+    def stop(self, why: str) -> None:
+        """Turn the switch off, and let the arm hold its last measured position."""
+        self._is_armed, self._why = False, why  # before the lock: a command that waits for it is refused
+        with self._lock:
+            self._is_armed, self._why = False, why
+            if not self._has_moved or self._state is None:
+                return
+            self._has_moved = False
+            try:
+                self.robot.command(np.clip(self._state, self.limiter.low, self.limiter.high))
+            except RobotError as problem:
+                logger.warning("the arm could not be told to hold: %s", problem)
+
+    def release(self) -> None:
+        """Turn the switch and the torque off; the arm sinks."""
+        self.stop("the torque was switched off")
+        with self._lock:
+            self.robot.release()
+
+    def read(self) -> Reading:
+        """Return the state of the robot. Raises RobotError."""
+        with self._lock:
+            reading = self.robot.read()
+            if np.isfinite(reading.state).all():
+                self._state = reading.state.copy()
+            return reading
+
+    def begin(self, reading: Reading) -> None:
+        """Begin an episode of commands at a reading. Raises LimitError."""
+        with self._lock:
+            self.limiter.start(reading.state)
+
+    def move(self, asked: np.ndarray, reading: Reading) -> Limited:
+        """Send a target after the limits, and return what was sent.
+
+        Raises:
+            NotArmedError: If the switch is off.
+            LimitError: If the arm is overloaded or does not follow; the switch is then off.
+            RobotError: If the robot cannot be reached.
+        """
+        with self._lock:
+            if not self._is_armed:
+                raise NotArmedError(f"The arm does not move: {self._why}. Turn its switch on.")
+            try:
+                limited = self.limiter.limit(asked, reading.state, reading.load)
+            except BetterError as problem:
+                self.stop(str(problem))
+                raise
+            self._has_moved = True
+            self.robot.command(limited.command)
+            return limited

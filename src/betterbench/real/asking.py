@@ -1,0 +1,161 @@
+"""Policies of a protocol, and questions to them from a thread, so that the arm never waits for an answer."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from betterbench.episodes.answers import answer
+from betterbench.episodes.chunks import checked_chunk
+from betterbench.errors import BetterError, InvalidInputError, PolicyError
+from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo
+from betterbench.interface.actions import ActionSpace
+from betterbench.policies.factory import PolicyFactory, check_action_space, close_policy
+from betterbench.real.plan import RealPlan
+
+START_S = 120.0
+"""Longest time until a policy is ready for a trial [s]; a large one loads its weights meanwhile."""
+ANSWER_S = 30.0
+"""Longest time of an answer [s]; the trial is then aborted."""
+
+
+def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, cameras: tuple[str, ...]) -> None:
+    """Check that a policy can run on a real arm with these cameras.
+
+    Raises:
+        InvalidInputError: If its actions are in another space, or it needs a camera that is not there, or temporal
+            ensembling.
+    """
+    check_action_space(address, info, space.name)
+    missing = sorted(set(info.cameras or ()) - set(cameras))
+    if missing:
+        problem = f"the policy needs the camera {missing[0]!r}, and the robot has {', '.join(cameras) or 'none'}"
+        raise InvalidInputError(address, problem, "Name the robot's cameras as the policy does")
+    if info.execution.ensemble is not None:
+        problem = "temporal ensembling calls the policy at every step, which a real arm would have to wait for"
+        raise InvalidInputError(address, problem, "Leave ensemble out of its address")
+
+
+class RealPolicies:
+    """The policies of a plan, each made at its first trial and kept."""
+
+    def __init__(self, plan: RealPlan, cameras: tuple[str, ...], *, apart: bool = True) -> None:
+        """Check the addresses; nothing is loaded. With ``apart``, user code runs in a process of its own.
+
+        Raises:
+            UnknownNameError: If there is no such policy.
+            InvalidInputError: If a policy needs the state of a simulator.
+        """
+        self._plan, self._cameras, self._apart = plan, cameras, apart
+        self._made: dict[str, Policy] = {}
+        for policy in plan.policies:
+            needs = PolicyFactory(policy.address).needs
+            if needs.state or needs.trial:
+                problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
+                raise InvalidInputError(f"policy {policy.name}", problem, "Give a policy that sees images")
+
+    def get(self, name: str) -> Policy:
+        """Return a policy by its name in the plan. Raises the errors of a policy's start."""
+        if name not in self._made:
+            address = self._plan.address(name)
+            made = PolicyFactory(address, apart=self._apart, timeout_s=ANSWER_S).take()
+            try:
+                check_real_policy(address, made.info, self._plan.action_space, self._cameras)
+            except BetterError:
+                close_policy(made)
+                raise
+            self._made[name] = made
+        return self._made[name]
+
+    def close(self) -> None:
+        """Close all policies."""
+        for policy in self._made.values():
+            close_policy(policy)
+        self._made.clear()
+
+
+@dataclass(frozen=True, slots=True)
+class _Answered:
+    """Answer to the question of a step, or the error that came instead."""
+
+    step: int
+    actions: np.ndarray | None
+    error: BetterError | None = None
+
+
+class Asker:
+    """Actions of a policy for consecutive control steps, from chunks that a thread asks for."""
+
+    def __init__(self, policy: Policy, space: ActionSpace) -> None:
+        """Start the thread."""
+        self._policy, self._space, self._execution = policy, space, policy.info.execution
+        self._questions: queue.Queue[tuple[int, EpisodeStart | Observation] | None] = queue.Queue()
+        self._answers: queue.Queue[_Answered] = queue.Queue()
+        self._actions: deque[np.ndarray] = deque()
+        self._pending: int | None = None
+        self._thread = threading.Thread(target=self._run, name="policy", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Wait for an answer on its way, because the next trial asks the same policy."""
+        self._questions.put(None)
+        self._thread.join(timeout=ANSWER_S)
+
+    def start(self, start: EpisodeStart) -> None:
+        """Reset the policy and wait for it. Raises PolicyError."""
+        self._questions.put((-1, start))
+        try:
+            answered = self._answers.get(timeout=START_S)
+        except queue.Empty:
+            raise PolicyError(f"The policy was not ready after {START_S:.0f} s.") from None
+        if answered.error is not None:
+            raise answered.error
+
+    def wants(self) -> bool:
+        """Return whether an observation is needed now."""
+        return self._pending is None and len(self._actions) <= self._execution.ahead
+
+    def ask(self, step: int, observation: Observation) -> None:
+        """Ask for the actions from a step on."""
+        self._pending = step
+        self._questions.put((step, observation))
+
+    def next(self, step: int, *, wait_s: float) -> np.ndarray | None:
+        """Return the action for a step, (dim,), or None if there is none within some time.
+
+        Raises:
+            PolicyError: If the policy failed.
+            InvalidActionError: If its answer has another shape or is not finite.
+        """
+        if self._pending is not None:
+            with contextlib.suppress(queue.Empty):
+                self._take(step, self._answers.get(timeout=0.0 if self._actions else wait_s))
+        return self._actions.popleft() if self._actions else None
+
+    def _take(self, step: int, answered: _Answered) -> None:
+        self._pending = None
+        if answered.error is not None:
+            raise answered.error
+        chunk = checked_chunk(np.asarray(answered.actions), self._space)
+        # A policy that asks ahead predicts from the step of its observation on; one that does not expects that the arm
+        # waited for it.
+        passed = step - answered.step if self._execution.ahead else 0
+        horizon = len(chunk) if self._execution.horizon is None else self._execution.horizon
+        self._actions = deque(chunk[passed : passed + horizon])
+
+    def _run(self) -> None:
+        while (asked := self._questions.get()) is not None:
+            step, seen = asked
+            try:
+                self._answers.put(_Answered(step, answer(self._policy, seen).actions))
+            except BetterError as problem:
+                self._answers.put(_Answered(step, None, problem))

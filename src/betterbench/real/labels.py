@@ -1,0 +1,526 @@
+"""Label of a trial of a real arm: joint signals, and what judges saw in its film.
+
+The labels are those of the simulated diagnosis. Rest and motion back and forth follow its rules; which object was taken
+and what lies in the basket is known only from judges. A label that neither joints nor judges show is None: unscored.
+An entry that joint states rule out is a contradiction. It is named, and the trial is unscored until people settle it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.thresholds import DOUBT, HALT_RADIUS, HELD_SHARE
+from betterbench.real.outcomes import outcome_named
+from betterbench.real.record import Entry, RealTrial
+from betterbench.real.signals import Closing, JointSignals, JointTrack, signals_of
+from betterbench.statistics.wording import listed, plural
+from betterbench.tasks import Expected
+from betterbench.tasks.labels import Label
+from betterbench.tasks.thresholds import EMPTY_SLOT_REACH, THRESHOLDS
+
+Basis = Literal["joints", "judges", "joints and judges", "record", "nothing"]
+"""Source of a label."""
+
+UNSCORED = "unscored"
+"""Text of a missing label in tables and JSON."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What the judges of a trial saw.
+
+    Attributes:
+        outcome: Outcome on which they agree by more than half, or None.
+        why_open: Reason for None, one sentence; empty with an outcome.
+        votes: Outcome of each judge by name.
+        operator: Outcome that the operator entered, or None. It is not blind and decides no label.
+        notes: Notes of the judges, each with its author.
+    """
+
+    outcome: str | None
+    why_open: str
+    votes: dict[str, str]
+    operator: str | None
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, entries: Sequence[Entry]) -> Judged:
+        """Return the outcome of standing entries on one attempt."""
+        seen = [(entry, entry.decision) for entry in entries if entry.decision.kind == "seen"]
+        votes = {entry.author: decision.outcome for entry, decision in seen if entry.role == "judge"}
+        operators = [decision.outcome for entry, decision in seen if entry.role == "operator"]
+        operator = operators[-1] if operators else None
+        notes = tuple(
+            f"{entry.author}: {decision.note}" for entry, decision in seen if entry.role == "judge" and decision.note
+        )
+        if not votes:
+            seen_by = "" if operator is None else f" The operator entered {operator!r}, which is not blind."
+            return cls(None, f"No judge has seen the film.{seen_by}", votes, operator, notes)
+        ranked = Counter(votes.values()).most_common()
+        if 2 * ranked[0][1] <= len(votes):
+            told = listed([f"{name}: {outcome}" for name, outcome in sorted(votes.items())])
+            return cls(None, f"The judges disagree ({told}); a further judge decides.", votes, operator, notes)
+        return cls(ranked[0][0], "", votes, operator, notes)
+
+
+@dataclass(frozen=True, slots=True)
+class RealLabel:
+    """Label of one trial, with its evidence.
+
+    Attributes:
+        label: Label, or None for a trial that is not scored.
+        rule: Name of the rule; of the simulated diagnosis where it is the same rule.
+        text: Evidence, one or more sentences.
+        start_s: Beginning of the evidence [s].
+        end_s: End of the evidence [s].
+        basis: What shows the label.
+        contradiction: What the judges entered and what the joint states show instead; empty without a contradiction.
+    """
+
+    label: Label | None
+    rule: str
+    text: str
+    start_s: float
+    end_s: float
+    basis: Basis
+    contradiction: str = ""
+
+    @property
+    def name(self) -> str:
+        """The label as text."""
+        return UNSCORED if self.label is None else self.label.value
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return {**asdict(self), "label": self.name}
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Place of a closing of the jaw.
+
+    Attributes:
+        object: Kind of the object that stood there at the start; None for an empty slot or no known place.
+        slot: Name of the slot or None.
+        gap_m: Horizontal distance to its center beyond its jitter [m].
+    """
+
+    object: str | None
+    slot: str | None
+    gap_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Facts of a condition that labels depend on.
+
+    Attributes:
+        due: Kinds that had to be packed, in order.
+        half_done: Whether the scene looks like the middle of a demonstration.
+        rest_absent: Whether the scene looks half done, and an object of the twin's instruction is absent.
+    """
+
+    exposure: Exposure
+    due: tuple[str, ...]
+    half_done: bool
+    rest_absent: bool
+
+    @classmethod
+    def of(cls, task: str, condition: str) -> Setting:
+        """Return the facts of a condition; raise UnknownNameError if it does not exist."""
+        x = Exposure.of(task, condition)
+        due = tuple(kind for goal in x.open_goals for kind in sorted(x.kinds(goal)))
+        here = {o.kind for o in x.test.objects if o.name in x.test.layout or o.name in x.test.preplaced}
+        asked = {goal.reference.kind for goal in x.base.instruction.subgoals if goal.reference.kind is not None}
+        return cls(x, due, x.test.mid_task_look, x.test.mid_task_look and not asked <= here)
+
+    @property
+    def expected(self) -> Expected:
+        """Behavior of a policy that understands the instruction."""
+        return self.exposure.test.expected
+
+    def place_of(self, closing: Closing) -> Place:
+        """Return the place of a closing: the object or the empty training slot that is nearest, if one is near.
+
+        Objects are where they stood at the start, within the jitter of their slots. An instructed object that is at
+        most ``doubt`` farther away than an empty slot may have been missed, as in the simulated diagnosis.
+        """
+        x, picked = self.exposure, {s for slots in self.exposure.trained.kind_slots.values() for s in slots}
+        found: list[Place] = []
+        for slot in x.task.slots:
+            gap = max(0.0, math.dist((closing.x, closing.y), (slot.x, slot.y)) - slot.jitter_m)
+            kind = x.movable_in(slot.name)
+            if kind is not None and gap <= max(THRESHOLDS.slot_reach, EMPTY_SLOT_REACH):
+                found.append(Place(kind, slot.name, gap))
+            elif kind is None and slot.name in picked and gap <= EMPTY_SLOT_REACH:
+                found.append(Place(None, slot.name, gap))
+        best = min(found, key=lambda place: place.gap_m, default=Place(None, None, math.inf))
+        if best.object is None or best.object not in self.due:
+            missed = [p for p in found if p.object in self.due and p.gap_m <= best.gap_m + DOUBT]
+            best = min(missed, key=lambda place: place.gap_m, default=best)
+        return best
+
+    def trained_at(self, slot: str) -> str:
+        """Return the kinds that training picked from a slot, as text."""
+        kinds = [kind for kind, slots in sorted(self.exposure.trained.kind_slots.items()) if slot in slots]
+        return listed([f"the {kind}" for kind in kinds])
+
+    def in_basket(self, closing: Closing) -> bool:
+        """Return whether a closing is at the place of a container."""
+        x = self.exposure
+        stands = [x.task.slot(x.test.layout[o.name]) for o in x.test.objects if o.role == "container"]
+        return any(math.dist((closing.x, closing.y), (s.x, s.y)) <= THRESHOLDS.home_radius for s in stands)
+
+
+def label_trial(trial: RealTrial, task: str) -> tuple[RealLabel, JointSignals | None, Judged]:
+    """Return the label of a trial that is done, its signals and what judges saw.
+
+    Raises:
+        RecordError: If its samples are missing, changed or damaged.
+    """
+    judged, header = Judged.of(trial.entries), trial.header
+    if header.steps < 2:
+        text = f"The record has {plural(header.steps, 'control step')}: nothing can be judged."
+        return RealLabel(None, "no_record", text, 0.0, 0.0, "record"), None, judged
+    samples = trial.samples()
+    signals = signals_of(JointTrack.of(samples, unit=header.unit, rate_hz=header.rate_hz))
+    label = label_of(
+        Setting.of(task, trial.planned.condition), signals, judged, held_share=header.held_steps / header.steps
+    )
+    return label, signals, judged
+
+
+def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_share: float = 0.0) -> RealLabel:
+    """Return the label of a trial.
+
+    Args:
+        setting: Facts of the condition.
+        signals: Joint signals.
+        judged: What the judges saw.
+        held_share: Share of control steps in which the policy gave no answer in time.
+    """
+    end = signals.duration_s
+    if judged.outcome is not None and not outcome_named(judged.outcome).scored:
+        text = f"The judges entered {judged.outcome!r}: {outcome_named(judged.outcome).title}."
+        return RealLabel(None, judged.outcome, text, 0.0, end, "judges")
+    if held_share >= HELD_SHARE:
+        text = f"The policy gave no answer in time in {held_share:.0%} of the control steps."
+        return RealLabel(Label.POLICY_ERROR, "late_answers", text, 0.0, end, "record")
+    problem = contradiction_of(setting, signals, judged.outcome)
+    if problem:
+        text = f"{problem} Neither is taken for true: look at the film and the joint states, and enter again."
+        return RealLabel(None, "contradiction", text, 0.0, end, "nothing", problem)
+    if not signals.moved:
+        return _never_moved(setting, signals, judged)
+    if judged.outcome is None:
+        text = f"{judged.why_open} {_summary(signals)}"
+        return RealLabel(None, "not_judged", text, 0.0, end, "nothing")
+    return _BY_OUTCOME[judged.outcome](setting, signals, judged)
+
+
+def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | None) -> str:
+    """Return what was entered and why joint states rule it out, in one or two sentences; empty if they do not."""
+    if outcome is None:
+        return ""
+    said = f"The judges entered {outcome!r} ({outcome_named(outcome).title})"
+    packs = outcome == "part" or (outcome == "done" and bool(setting.due))
+    if packs or outcome in ("air_grasp", "oscillated", "wrong_object", "missed", "undid"):
+        if not signals.moved:
+            return f"{said}, but the arm never moved: its tool stayed within {HALT_RADIUS * 100:.0f} cm of its start."
+        if (packs or outcome == "air_grasp") and not signals.attempts:
+            return f"{said}, but the jaw never closed near the table."
+    if packs and not signals.grasps:
+        return f"{said}, but the jaw never closed on anything: {_openings(signals)}."
+    if outcome == "part" and len(setting.due) < 2:
+        count = plural(len(setting.due), "object")
+        return f"{said}, but the condition has {count} to pack, so that no part of it can be done."
+    if outcome == "air_grasp" and not any(not c.holds for c in signals.attempts):
+        return f"{said}, but every closing of the jaw was on something: {_openings(signals)}."
+    if outcome == "froze" and signals.attempts:
+        first = signals.attempts[0]
+        return f"{said}, but the jaw closed {first.z * 100:.0f} cm above the table after {first.start_s:.1f} s."
+    if (
+        outcome == "froze"
+        and signals.freeze is None
+        and (signals.to_and_fro is not None or signals.reach_m > THRESHOLDS.home_radius)
+    ):
+        return f"{said}, but the tool went {signals.reach_m * 100:.0f} cm away from its start and did not come to rest."
+    return ""
+
+
+# ------------------------------------------------------------------------------------------------------- by behavior
+
+
+def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    """Return the label of an arm that stood still from beginning to end, which joints alone show."""
+    basis: Basis = "joints" if judged.outcome is None else "joints and judges"
+    still = f"The arm never moved in {signals.duration_s:.0f} s"
+    if setting.expected is Expected.STAY_STILL:
+        text = f"{still}, and no step was left to do."
+        return RealLabel(Label.CORRECT_FREEZE, "goal", text, 0.0, signals.duration_s, basis)
+    if setting.expected.lacks_target:
+        text = f"{still}. The target is absent, and nothing else was touched."
+        return RealLabel(Label.CORRECT_REFUSAL, "goal", text, 0.0, signals.duration_s, basis)
+    return _halt(setting, signals, basis, 0.0, still)
+
+
+def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float, still: str) -> RealLabel:
+    """Return phase conflict I, or an early halt, of an arm that stands still with steps to do."""
+    left = listed([f"the {kind}" for kind in setting.due])
+    if setting.half_done and not signals.attempts:
+        text = f"{still}, and the scene looks like the middle of a demonstration (phase conflict I). Due: {left}."
+        return RealLabel(Label.PHASE_CONFLICT, "freeze_in_mid_task_scene", text, start_s, signals.duration_s, basis)
+    text = f"{still}, although steps are left to do. Due at the start: {left}."
+    return RealLabel(Label.EARLY_HALT, "still_with_open_subgoals", text, start_s, signals.duration_s, basis)
+
+
+def _done(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    """Return the label if every instructed object lies in the basket at the end."""
+    del judged
+    if not setting.due:
+        return _nothing_due(setting, signals)
+    released = [c.over_s for c in signals.grasps if c.let_go_s is not None]
+    after = [c for c in signals.attempts if not c.holds and released and c.start_s > released[-1]]
+    for closing in after:
+        inertia = _empty_slot(setting, closing)
+        if inertia is not None:
+            text = f"Every object asked for is packed, and then {inertia}"
+            rule = "air_grasp_at_memorized_slot"
+            return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, closing.start_s, closing.over_s, "joints and judges")
+    extra = "" if not after else f" Then {_at(after[0])}, at no place of training."
+    text = f"The judges saw every object asked for in the basket; {_grips(signals)}.{extra}"
+    end = released[-1] if released else signals.duration_s
+    return RealLabel(Label.SUCCESS, "goal", text, end, end, "joints and judges")
+
+
+def _nothing_due(setting: Setting, signals: JointSignals) -> RealLabel:
+    """Return the label of a moving arm in a scene in which nothing is left to do."""
+    end = signals.duration_s
+    if signals.grasps:
+        first = signals.grasps[0]
+        if setting.in_basket(first):
+            text = f"Nothing was left to do, and {_at(first)}, in the basket: it takes out what is done."
+            return RealLabel(
+                Label.CAUSAL_CONFUSION, "finished_step_repeated", text, first.start_s, first.over_s, "joints and judges"
+            )
+        text = (
+            f"The judges saw nothing wrong at the end, but {_at(first)}, outside the basket, although nothing was left "
+            "to do. Which object it was is not known."
+        )
+        return RealLabel(None, "unknown_object", text, first.start_s, first.over_s, "nothing")
+    if signals.attempts:
+        return _air_grasp(setting, signals)
+    if signals.to_and_fro is not None:
+        return _sway(setting, signals)
+    if signals.at_rest:
+        label = Label.CORRECT_REFUSAL if setting.expected.lacks_target else Label.CORRECT_FREEZE
+        start = signals.freeze.start_s if signals.freeze is not None else 0.0
+        why = "The target is absent" if setting.expected.lacks_target else "No step was left to do"
+        text = f"{why}, the jaw never closed, and the arm came to rest after {start:.1f} s."
+        return RealLabel(label, "goal", text, start, end, "joints and judges")
+    text = "No step was left to do, and the arm did not come to rest until the end; it grasped at nothing."
+    return RealLabel(Label.TIMEOUT, "no_rest", text, 0.0, end, "joints and judges")
+
+
+def _part(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    """Return the label if a part of the objects was packed, and the arm reached for no other one."""
+    del judged
+    last = max((c.over_s for c in signals.grasps if c.let_go_s is not None), default=0.0)
+    after = [c for c in signals.attempts if c.start_s > last]
+    empty = next((text for c in after if not c.holds and (text := _empty_slot(setting, c))), None)
+    if empty is not None:
+        text = f"A part is packed, and then {empty}"
+        first = next(c for c in after if not c.holds)
+        rule = "air_grasp_at_memorized_slot"
+        return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, first.start_s, first.over_s, "joints and judges")
+    if after:
+        text = f"A part is packed, and then {_at(after[-1])}: a further object is missed or lost."
+        return RealLabel(
+            Label.EXECUTION_FAILURE, "missed", text, after[-1].start_s, after[-1].over_s, "joints and judges"
+        )
+    if signals.freeze is not None:
+        still = f"A part is packed, and then the arm stands still from {signals.freeze.start_s:.1f} s to the end"
+        return _halt(setting, signals, "joints and judges", signals.freeze.start_s, still)
+    if signals.to_and_fro is not None:
+        return _sway(setting, signals)
+    text = "A part is packed, and the arm still moves when the time is over."
+    return RealLabel(Label.TIMEOUT, "step_limit", text, last, signals.duration_s, "joints and judges")
+
+
+def _froze(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    """Return the label of an arm that people saw standing still."""
+    del judged
+    if not setting.due:
+        return _nothing_due(setting, signals)
+    start = signals.freeze.start_s if signals.freeze is not None else 0.0
+    still = (
+        f"The judges saw the arm stand still; its tool stayed within {signals.reach_m * 100:.0f} cm of its start and "
+        f"rests from {start:.1f} s"
+        if signals.freeze is not None
+        else f"The judges saw the arm stand still; its tool moved by up to {signals.reach_m * 100:.0f} cm"
+    )
+    return _halt(setting, signals, "joints and judges", start, still)
+
+
+def _grasped_nothing(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    del judged
+    return _air_grasp(setting, signals)
+
+
+def _air_grasp(setting: Setting, signals: JointSignals) -> RealLabel:
+    """Return the label of the last closing on nothing."""
+    empty = [c for c in signals.attempts if not c.holds]
+    last = empty[-1]
+    if setting.rest_absent and setting.expected is Expected.STAY_STILL:
+        text = (
+            f"The scene looks half done and the next object is absent: {_at(last)}, instead of coming to rest (phase "
+            "conflict II)."
+        )
+        return RealLabel(
+            Label.PHASE_CONFLICT, "air_grasp_in_mid_task_scene", text, last.start_s, last.over_s, "joints and judges"
+        )
+    for closing in reversed(empty):
+        inertia = _empty_slot(setting, closing)
+        if inertia is not None:
+            rule, text = "air_grasp_at_memorized_slot", inertia[0].upper() + inertia[1:]
+            return RealLabel(Label.BEHAVIORAL_INERTIA, rule, text, closing.start_s, closing.over_s, "joints and judges")
+    place = setting.place_of(last)
+    near = f", {place.gap_m * 100:.0f} cm from the {place.object}" if place.object else ", far from every object"
+    text = f"The judges saw a grasp at nothing: {_at(last)}{near}: a miss, which shows no choice."
+    return RealLabel(Label.EXECUTION_FAILURE, "missed", text, last.start_s, last.over_s, "joints and judges")
+
+
+def _oscillated(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    del judged
+    return _sway(setting, signals)
+
+
+def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
+    """Return the label of motion back and forth."""
+    span = signals.to_and_fro
+    start = 0.0 if span is None else span.start_s
+    seen = (
+        f"The empty gripper moves to and fro from {start:.1f} s until the end, {signals.path_m:.1f} m in all"
+        if span is not None
+        else f"The judges saw the arm go to and fro; its tool moved {signals.path_m:.1f} m in all"
+    )
+    basis: Basis = "joints and judges"
+    if setting.due or setting.rest_absent:
+        which = " (phase conflict II)" if setting.rest_absent and not setting.due else ""
+        return RealLabel(
+            Label.PHASE_CONFLICT, "to_and_fro", f"{seen}, and grasps nothing{which}.", start, signals.duration_s, basis
+        )
+    text = f"{seen}, although nothing was left to do, and does not come to rest."
+    return RealLabel(Label.TIMEOUT, "no_rest", text, start, signals.duration_s, basis)
+
+
+def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    """Return the label of another object that was taken; its kind follows from the place of the closing."""
+    del judged
+    others = []
+    for closing in signals.grasps or signals.attempts:
+        place = setting.place_of(closing)
+        if place.object is not None and place.object not in setting.due:
+            others.append((closing, place.object))
+    if not others:
+        text = f"The judges saw another object being taken; {_grips(signals)}. Which object it was is not known."
+        return RealLabel(Label.WRONG_OBJECT, "other_object", text, 0.0, signals.duration_s, "judges")
+    closing, kind = others[0]
+    text = f"The judges saw another object being taken, and {_at(closing)}, where the {kind} stood."
+    known = kind in setting.exposure.trained.kind_slots
+    label = Label.WRONG_OBJECT if known else Label.SEMANTIC_FEATURE_COLLAPSE
+    rule = "object_of_another_instruction" if known else "object_that_no_instruction_means"
+    return RealLabel(label, rule, text, closing.start_s, closing.over_s, "joints and judges")
+
+
+def _missed(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    """Return the label of an attempt at a right object that failed."""
+    del setting, judged
+    lost = [c for c in signals.grasps if c.lost_s is not None]
+    last = lost[-1] if lost else signals.attempts[-1] if signals.attempts else None
+    if last is None:
+        text = "The judges saw the arm reach for an object asked for and fail; the jaw never closed near the table."
+        return RealLabel(Label.EXECUTION_FAILURE, "never_closes", text, 0.0, signals.duration_s, "judges")
+    how = "an object slipped out of the closed jaw" if lost else _at(last)
+    text = f"The judges saw the arm reach for an object asked for and fail; {how}."
+    rule = "slipped" if lost else "missed"
+    return RealLabel(Label.EXECUTION_FAILURE, rule, text, last.start_s, last.over_s, "joints and judges")
+
+
+def _undid(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    del judged
+    at = next((c for c in signals.attempts if setting.in_basket(c)), None)
+    where = "the joints show no closing near the basket" if at is None else f"{_at(at)}, in the basket"
+    text = f"The judges saw an object being grasped in the basket or taken out of it; {where}."
+    start, end = (0.0, signals.duration_s) if at is None else (at.start_s, at.over_s)
+    basis: Basis = "judges" if at is None else "joints and judges"
+    return RealLabel(Label.CAUSAL_CONFUSION, "finished_step_repeated", text, start, end, basis)
+
+
+def _other(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
+    del setting
+    text = f"The judges saw something else ({'; '.join(judged.notes)}). {_summary(signals)}"
+    return RealLabel(None, "other", text, 0.0, signals.duration_s, "judges")
+
+
+_BY_OUTCOME = {
+    "done": _done,
+    "part": _part,
+    "froze": _froze,
+    "air_grasp": _grasped_nothing,
+    "oscillated": _oscillated,
+    "wrong_object": _wrong_object,
+    "missed": _missed,
+    "undid": _undid,
+    "other": _other,
+}
+"""Rule of each scored outcome."""
+
+
+# ------------------------------------------------------------------------------------------------------------ wording
+
+
+def _empty_slot(setting: Setting, closing: Closing) -> str | None:
+    """Return the clause about a closing on nothing at an empty slot of training, or None."""
+    place = setting.place_of(closing)
+    if closing.holds or place.slot is None or place.object is not None:
+        return None
+    there = setting.trained_at(place.slot)
+    return f"{_at(closing)}, at the empty slot {place.slot!r}, where {there} was picked in training."
+
+
+def _at(closing: Closing) -> str:
+    """Return a clause about one closing."""
+    on = "on something" if closing.holds else "on nothing"
+    where = f"({closing.x:.2f}, {closing.y:.2f}) m"
+    return f"the jaw closes {on} at {where} after {closing.start_s:.1f} s (opening {closing.opening:.0f} %)"
+
+
+def _openings(signals: JointSignals) -> str:
+    """Return the openings at which the jaw stopped, as a clause."""
+    if not signals.closings:
+        return "it kept its opening"
+    return f"it stopped at {listed([f'{c.opening:.0f} %' for c in signals.closings])}"
+
+
+def _grips(signals: JointSignals) -> str:
+    """Return a clause about all grasps."""
+    return f"the jaw closed on something {plural(len(signals.grasps), 'time')}"
+
+
+def _summary(signals: JointSignals) -> str:
+    """Return what joints show, in one sentence."""
+    parts = [f"{plural(len(signals.grasps), 'closing')} on something"]
+    parts.append(f"{plural(len(signals.attempts) - len(signals.grasps), 'closing')} on nothing")
+    if signals.freeze is not None:
+        parts.append(f"rest from {signals.freeze.start_s:.1f} s to the end")
+    if signals.to_and_fro is not None:
+        parts.append(f"motion to and fro from {signals.to_and_fro.start_s:.1f} s")
+    if signals.repeated is not None:
+        parts.append(f"{plural(signals.repeated.count, 'approach', 'approaches')} to one place without an object")
+    return f"Joint states show {listed(parts)}."

@@ -1,0 +1,229 @@
+"""Safety limits of commands: joint range, speed, lead, load and workspace.
+
+The limits are applied in the order in which a later one cannot break an earlier one:
+
+1. A command that is not finite is replaced by the last command.
+2. Each target is clipped to the range of its joint.
+3. Each target is clipped to within ``lead`` of the measured position, so that a blocked joint does not store a jump,
+   and a program that is killed leaves the arm a short way from its last target.
+4. A joint whose load is above the maximum keeps its last command; the gripper may still open.
+5. The step from the last command is scaled down to the largest speed, all arm joints by the same factor.
+6. The step is shortened until the tool center point, by the forward kinematics of the twin, is inside the workspace.
+
+An overload or a joint that does not follow for some time raises :class:`LimitError`, and the trial is aborted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.interface.actions import ActionSpace
+from betterbench.json_form import strict_form
+from betterbench.real.record import MOTORS
+from betterbench.sim.robots import ArmIK, robot
+from betterbench.sim.robots.ik import LIMIT_MARGIN_RAD
+
+ROBOT = "so101"
+_ARM = slice(0, 5)
+_GRIPPER = 5
+_FRACTIONS = (1.0, 0.75, 0.5, 0.25)
+"""Tried fractions of a step that would leave the workspace."""
+
+
+class LimitError(BetterError):
+    """A motor is overloaded or does not follow; the arm has to be looked at."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SafetyLimits:
+    """Limits of an SO-101, in units that do not depend on the plan.
+
+    Attributes:
+        speed_rad_s: Largest speed of each arm joint [rad/s]. The twin's servos reach 3.
+        gripper_speed: Largest speed of the gripper, in percent of its travel per second.
+        lead_s: Time at full speed that a target may be ahead of the measured position [s].
+        load: Largest load, as a fraction of the maximum.
+        load_s: Longest time of an overload of an arm joint [s].
+        stall_rad: Lag of an arm joint behind its command that counts as not following [rad].
+        stall_s: Longest time that a joint may not follow [s].
+        box_low: Lowest corner of the tool center point's workspace in the base frame [m]: x ahead, y left, z up from
+            the table.
+        box_high: Its highest corner [m].
+        watchdog_s: Time without an answer of the policy after which the arm holds and the step counts as held [s].
+    """
+
+    speed_rad_s: float = 1.5
+    gripper_speed: float = 150.0
+    lead_s: float = 0.25
+    load: float = 0.85
+    load_s: float = 0.5
+    stall_rad: float = 0.2
+    stall_s: float = 0.6
+    box_low: tuple[float, float, float] = (0.04, -0.36, 0.008)
+    box_high: tuple[float, float, float] = (0.44, 0.36, 0.36)
+    watchdog_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError if a limit is not positive, or the workspace is empty."""
+        for name in ("speed_rad_s", "gripper_speed", "lead_s", "load", "load_s", "stall_rad", "stall_s", "watchdog_s"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InvalidInputError(f"limits: {name}", f"{value} is not a positive number", "Give one")
+        if not all(low < high for low, high in zip(self.box_low, self.box_high, strict=True)):
+            raise InvalidInputError("limits: box", f"{self.box_low} is not below {self.box_high}", "Give two corners")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limited:
+    """A command after the limits, (6,), and the names of the limits that changed it."""
+
+    command: np.ndarray
+    by: tuple[str, ...]
+
+
+class Limiter:
+    """Limits of one episode of commands; :meth:`start` is called before the first one."""
+
+    def __init__(self, limits: SafetyLimits, space: ActionSpace, *, rate_hz: float) -> None:
+        """Prepare for commands in an action space at a rate [Hz]."""
+        spec = robot(ROBOT)
+        self.limits, self.space = limits, space
+        self._ik = ArmIK(spec)
+        self._unit = np.array(space.scale[:5])  # radians per unit
+        margin = LIMIT_MARGIN_RAD
+        low = np.array([v + margin for v in spec.joint_low]) / self._unit
+        high = np.array([v - margin for v in spec.joint_high]) / self._unit
+        self.low = np.maximum(np.array([*low, 0.0]), space.low)
+        """(6,) smallest command."""
+        self.high = np.minimum(np.array([*high, 100.0]), space.high)
+        """(6,) largest command."""
+        speed = np.array([*(limits.speed_rad_s / self._unit), limits.gripper_speed])
+        self.most_step = speed / rate_hz
+        """(6,) largest step between two commands."""
+        self._lead = np.maximum(speed * limits.lead_s, 2.0 * self.most_step)
+        self._stall = limits.stall_rad / self._unit
+        self._period_s = 1.0 / rate_hz
+        self._last = np.zeros(6)
+        self._over_s, self._stalled_s = np.zeros(5), np.zeros(5)
+        self._is_started = False
+
+    def start(self, state: np.ndarray) -> None:
+        """Begin at a measured state, (6,).
+
+        Raises:
+            LimitError: If the state is not finite.
+        """
+        if not np.isfinite(state).all():
+            raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
+        # An arm that rests against its stop may be slightly outside its range.
+        self._last = np.clip(state, self.low, self.high)
+        self._over_s[:], self._stalled_s[:] = 0.0, 0.0
+        self._is_started = True
+
+    @property
+    def last(self) -> np.ndarray:
+        """(6,) last command."""
+        return self._last.copy()
+
+    def tool(self, positions: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Return the tool center point at positions, (3,) in the base frame [m]."""
+        return np.array(self._ik.forward(np.asarray(positions)[_ARM] * self._unit).position)
+
+    def limit(self, asked: np.ndarray, state: np.ndarray, load: np.ndarray) -> Limited:
+        """Return the command for an asked target, each (6,).
+
+        Raises:
+            LimitError: If the arm's state is not finite, a joint is overloaded or does not follow for too long.
+        """
+        if not self._is_started:
+            raise InvalidInputError("limits", "start was not called", "Call it with the measured state")
+        if not np.isfinite(state).all():
+            raise LimitError(f"The arm reports {_named(~np.isfinite(state))} as not finite. Check its bus and cables.")
+        self._watch(state, load)
+        by = []
+        if np.shape(asked) == (6,) and np.isfinite(asked).all():
+            wanted = np.asarray(asked, dtype=np.float64)
+        else:
+            by.append("not finite")
+            wanted = self._last
+        for name, low, high in (("range", self.low, self.high), ("lead", state - self._lead, state + self._lead)):
+            clipped = np.clip(wanted, low, high)
+            if (clipped != wanted).any():
+                by.append(name)
+            wanted = clipped
+        wanted = np.clip(wanted, self.low, self.high)  # a state outside the range
+        over = np.abs(np.nan_to_num(load)) > self.limits.load
+        if over.any():
+            by.append("load")
+            kept = np.where(over, self._last, wanted)
+            kept[_GRIPPER] = max(wanted[_GRIPPER], self._last[_GRIPPER]) if over[_GRIPPER] else wanted[_GRIPPER]
+            wanted = kept
+        step = wanted - self._last
+        scaled = self._scaled(step)
+        if (scaled != step).any():
+            by.append("speed")
+        command = self._last + self._inside(scaled, by)
+        # A sum may round to just outside the range.
+        self._last = np.clip(command, self.low, self.high)
+        return Limited(self._last.copy(), tuple(by))
+
+    def _scaled(self, step: np.ndarray) -> np.ndarray:
+        """Return a step scaled down to the largest speed, the arm joints by one factor."""
+        ratio = float(np.max(np.abs(step[_ARM]) / self.most_step[_ARM]))
+        arm = step[_ARM] / ratio if ratio > 1.0 else step[_ARM]
+        most = self.most_step[_GRIPPER]
+        return np.array([*arm, min(max(step[_GRIPPER], -most), most)])
+
+    def _inside(self, step: np.ndarray, by: list[str]) -> np.ndarray:
+        """Return the largest tried part of a step that stays in the workspace, or comes closer to it from outside."""
+        before = self._outside(self._last)
+        for fraction in _FRACTIONS:
+            part = np.array([*(fraction * step[_ARM]), step[_GRIPPER]])
+            there = self._outside(self._last + part)
+            if there == 0.0 or there < before:
+                if fraction < 1.0:
+                    by.append("workspace")
+                return part
+        if np.any(step[_ARM]):
+            by.append("workspace")
+        return np.array([*np.zeros(5), step[_GRIPPER]])
+
+    def _outside(self, positions: np.ndarray) -> float:
+        """Return the distance of the tool center point from the workspace [m]; 0 inside."""
+        tool = self.tool(positions)
+        beyond = np.maximum(
+            np.maximum(np.array(self.limits.box_low) - tool, tool - np.array(self.limits.box_high)), 0.0
+        )
+        return float(np.linalg.norm(beyond))
+
+    def _watch(self, state: np.ndarray, load: np.ndarray) -> None:
+        """Raise LimitError for an arm joint that is overloaded, or does not follow, for too long."""
+        over = np.abs(np.nan_to_num(load[_ARM])) > self.limits.load
+        lagging = np.abs(self._last - state)[_ARM] > self._stall
+        self._over_s = np.where(over, self._over_s + self._period_s, 0.0)
+        self._stalled_s = np.where(lagging, self._stalled_s + self._period_s, 0.0)
+        if (self._over_s > self.limits.load_s).any():
+            joint = int(np.argmax(self._over_s))
+            text = f"{MOTORS[joint]} carried {abs(load[joint]):.0%} of its maximum load for {self._over_s[joint]:.1f} s"
+            raise LimitError(f"{text}; allowed are {self.limits.load:.0%}. Free the arm, and let it cool down.")
+        if (self._stalled_s > self.limits.stall_s).any():
+            joint = int(np.argmax(self._stalled_s))
+            lag, lasted = abs(self._last[joint] - state[joint]), self._stalled_s[joint]
+            text = f"{MOTORS[joint]} does not follow: it is {lag:.0f} behind its command for {lasted:.1f} s"
+            raise LimitError(f"{text}. Check that nothing blocks it, its cable and its power.")
+
+
+def _named(mask: np.ndarray) -> str:
+    """Return the names of some motors."""
+    return ", ".join(name for name, marked in zip(MOTORS, mask, strict=True) if marked)

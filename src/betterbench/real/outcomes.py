@@ -1,0 +1,100 @@
+"""What a person can enter about a trial: one key for each behavior, defined by what is seen.
+
+The definitions name no condition and no policy, so that the operator and a judge who sees only the film use the same
+ones. Whether a behavior is right in a condition follows from the task and is decided later.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.errors import UnknownNameError
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A behavior that can be seen.
+
+    Attributes:
+        name: Name in the entries ("air_grasp").
+        key: Key on the pages.
+        title: Short title.
+        definition: What has to be seen.
+        scored: False if the trial says nothing about the policy and is to be repeated.
+    """
+
+    name: str
+    key: str
+    title: str
+    definition: str
+    scored: bool = True
+
+
+OUTCOMES = (
+    Outcome(
+        "done",
+        "1",
+        "did all that was asked",
+        "Every object asked for lies in the basket at the end, and no other object was grasped or carried.",
+    ),
+    Outcome(
+        "part",
+        "2",
+        "did a part and ended",
+        "At least one object asked for was packed in this trial, another one still lies outside, and the arm stopped "
+        "reaching for it.",
+    ),
+    Outcome(
+        "froze",
+        "3",
+        "stood still",
+        "The gripper never closed and no object was moved; at the end the arm stands still, or trembles within 2 cm.",
+    ),
+    Outcome(
+        "air_grasp",
+        "4",
+        "grasped at nothing",
+        "The gripper went down and closed at a place without an object, and this is what it did last.",
+    ),
+    Outcome(
+        "oscillated",
+        "5",
+        "went back and forth",
+        "The arm went at least three times between the same two places and grasped at neither.",
+    ),
+    Outcome(
+        "wrong_object",
+        "6",
+        "took another object",
+        "An object that was not asked for was lifted, or put into the basket.",
+    ),
+    Outcome(
+        "missed",
+        "7",
+        "reached, but failed",
+        "The arm reached for an object asked for and failed to grasp it, dropped it, or missed the basket.",
+    ),
+    Outcome(
+        "undid",
+        "8",
+        "took out again",
+        "An object that lay in the basket was grasped there, or taken out of the basket.",
+    ),
+    Outcome("other", "9", "something else", "None of these; the note says what."),
+    Outcome(
+        "invalid",
+        "0",
+        "not valid",
+        "Scene, camera or arm were wrong, or a person interfered: the trial says nothing about the policy.",
+        scored=False,
+    ),
+)
+"""Outcomes in the order of the pages. If several fit, the first of the list that fits is entered."""
+
+
+def outcome_named(name: str) -> Outcome:
+    """Return an outcome by name; raise UnknownNameError if there is none."""
+    for outcome in OUTCOMES:
+        if outcome.name == name:
+            return outcome
+    raise UnknownNameError("outcome", name, [outcome.name for outcome in OUTCOMES])

@@ -1,0 +1,216 @@
+"""Measured agreement of the live front camera with the twin's picture, object by object.
+
+For each object that the twin shows, the twin's picture of it and its surroundings is searched in the live picture.
+The measure is the normalized cross-correlation over the object and a border, per color channel with its mean
+removed: it does not change if a channel is brightened or tinted. The best shift tells where the object is, and the
+camera's geometry turns it into centimeters on the table.
+
+The correlation compares shapes and contrasts of colors. It does not find an object that the twin does not show. The
+color of the tablecloth is compared around the objects, by the ratio of green and blue.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.real.twin import TwinView
+
+FOUND = 0.6
+"""Smallest correlation at the best shift with which an object counts as seen."""
+MOST_OFF_M = 0.015
+"""Largest distance of an object from its place [m]. Slots have a jitter of 10 mm, and the ghost is read by eye."""
+SEARCH_M = 0.07
+"""Range of the search on each side [m]."""
+BORDER_PX = 5
+"""Width of the border that is compared around an object [pixel]."""
+COARSE_PX = 3
+"""Step of the first search [pixel]."""
+SAMPLES = 400
+"""Largest number of compared pixels of an object."""
+CLOTH_RATIO = 0.45
+"""Largest difference of log(green / blue) of the tablecloth. The blue and the green one differ by 0.94; a warm lamp
+(0.9, 0.75) makes 0.18.
+"""
+LEAST_PX = 25
+"""Smallest visible part of an object that is compared [pixel]; smaller ones are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectAgreement:
+    """Agreement of one object.
+
+    Attributes:
+        name: Name of the object.
+        score: Correlation at its place, 0 to 1.
+        best: Correlation at the best shift.
+        off_m: Distance from its place along x (ahead of the arm) and y (to the arm's left) [m].
+    """
+
+    name: str
+    score: float
+    best: float
+    off_m: tuple[float, float]
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the object is seen near its place."""
+        return self.best >= FOUND
+
+    @property
+    def distance_m(self) -> float:
+        """Distance from its place [m]."""
+        return float(np.hypot(*self.off_m))
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the object is at its place."""
+        return self.is_found and self.distance_m <= MOST_OFF_M
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, for the operator; empty if nothing is."""
+        title = self.name.replace("_", " ")
+        if self.accepted:
+            return ""
+        if not self.is_found:
+            return f"The {title} is not seen at its place, nor within {100 * SEARCH_M:.0f} cm of it."
+        x, y = self.off_m
+        parts = []
+        if abs(x) >= 0.005:
+            parts.append(f"{100 * abs(x):.1f} cm too {'far from' if x > 0 else 'close to'} the arm")
+        if abs(y) >= 0.005:
+            parts.append(f"{100 * abs(y):.1f} cm too far to the arm's {'left' if y > 0 else 'right'}")
+        return f"The {title} lies {' and '.join(parts)}."
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Agreement of a scene with its twin.
+
+    Attributes:
+        objects: Compared objects, the worst first.
+        left_out: Objects of which too little is visible.
+        cloth: Color of the tablecloth that should lie there, if another one does; otherwise an empty text.
+    """
+
+    objects: tuple[ObjectAgreement, ...]
+    left_out: tuple[str, ...]
+    cloth: str = ""
+
+    @property
+    def score(self) -> float:
+        """Smallest score of an object, 0 to 1; 1 if there is none to compare."""
+        return min((o.score for o in self.objects), default=1.0)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every compared object is at its place, on the right tablecloth."""
+        return not self.cloth and all(o.accepted for o in self.objects)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence for a wrong tablecloth, and one per object that is off."""
+        cloth = (f"The tablecloth is not {self.cloth}.",) if self.cloth else ()
+        return (*cloth, *(o.sentence for o in self.objects if not o.accepted))
+
+
+def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
+    """Return the agreement of a live picture, (height, width, 3) uint8, with the twin's.
+
+    The live picture is scaled to the size of the twin's.
+
+    Raises:
+        InvalidInputError: If the shapes of the two pictures differ by more than 2 %.
+    """
+    height, width = twin.image.shape[:2]
+    live = _scaled(live, width, height)
+    found, left_out = [], []
+    for name, mask in twin.masks.items():
+        if int(mask.sum()) < LEAST_PX:
+            left_out.append(name)
+        else:
+            found.append(_object(name, live, twin, mask))
+    found.sort(key=lambda o: (o.accepted, o.score))
+    return Agreement(tuple(found), tuple(left_out), _wrong_cloth(live, twin))
+
+
+def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
+    """Return the color of the twin's tablecloth if the live one differs around the objects, or an empty text."""
+    if not twin.cloth:
+        return ""
+    objects = np.logical_or.reduce(list(twin.masks.values()))
+    around = _grown(_grown(objects)) & ~_grown(objects)
+    ratios = []
+    for image in (live, twin.image):
+        _, green, blue = np.median(image[around], axis=0) + 1.0
+        ratios.append(float(np.log(green / blue)))
+    return twin.cloth if abs(ratios[0] - ratios[1]) > CLOTH_RATIO else ""
+
+
+def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return a picture scaled by the mean of the pixels of each area; raise InvalidInputError for another shape."""
+    if image.ndim != 3 or image.shape[2] != 3 or abs(image.shape[1] * height / (image.shape[0] * width) - 1.0) > 0.02:
+        problem = f"its images have shape {image.shape}, and the twin's {(height, width, 3)}"
+        raise InvalidInputError("front camera", problem, "Use the same ratio of width and height for both")
+    if image.shape[:2] == (height, width):
+        return image
+    from PIL import Image  # noqa: PLC0415 - only for cameras of another size
+
+    return np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BOX))
+
+
+def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> ObjectAgreement:
+    """Return the agreement of one object, by a search over shifts in the image: coarse, then around the best."""
+    motion = twin.pixels_per_m[name]
+    reach = np.ceil(np.abs(motion).sum(axis=1) * SEARCH_M).astype(int)
+    rows, columns = np.nonzero(_grown(mask))
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), SAMPLES)).astype(int)
+    points = np.stack([columns[chosen], rows[chosen]], axis=1)
+    template = twin.image[points[:, 1], points[:, 0]].astype(np.float32)
+
+    def best_of(center: np.ndarray, half: np.ndarray, step: int) -> tuple[np.ndarray, float]:
+        around = [np.arange(-n // step * step, n + 1, step) + c for n, c in zip(half, center, strict=True)]
+        shifts = np.stack(np.meshgrid(*around, indexing="ij"), axis=-1).reshape(-1, 2)
+        scores = _correlations(template, live, points, shifts)
+        k = int(np.argmax(scores))
+        return shifts[k], float(scores[k])
+
+    start = np.zeros(2, dtype=int)
+    coarse, _ = best_of(start, reach, COARSE_PX)
+    shift, best = best_of(coarse, np.full(2, COARSE_PX), 1)
+    at_place = float(_correlations(template, live, points, start[None, :])[0])
+    if at_place >= best:
+        shift, best = start, at_place
+    off = np.linalg.solve(motion, shift.astype(float))
+    return ObjectAgreement(name, float(np.clip(at_place, 0.0, 1.0)), best, (float(off[0]), float(off[1])))
+
+
+def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Return the correlation of a template, (n, 3), with the live picture at its points (u, v) for shifts, (m, 2).
+
+    Each channel is scaled by its best factor; otherwise, a tint would change the result. A point outside the picture
+    takes the color of the nearest pixel.
+    """
+    height, width = live.shape[:2]
+    at = shifts[:, None, :] + points[None, :, :]
+    u, v = np.clip(at[..., 0], 0, width - 1), np.clip(at[..., 1], 0, height - 1)
+    seen = live[v, u].astype(np.float32)
+    seen -= seen.mean(axis=1, keepdims=True)
+    centered = template - template.mean(axis=0)
+    dots = np.einsum("nc,mnc->mc", centered, seen)
+    squares = np.einsum("mnc,mnc->mc", seen, seen)
+    # The best factor of a channel is dot / square; with it, its part of the correlation is dot squared / square.
+    parts = np.where((squares > 1e-3) & (dots > 0.0), dots * dots / np.maximum(squares, 1e-3), 0.0)
+    return np.asarray(np.sqrt(parts.sum(axis=1) / max(float((centered * centered).sum()), 1e-3)))
+
+
+def _grown(mask: np.ndarray) -> np.ndarray:
+    """Return a mask grown by the border, without scipy, which is at home elsewhere."""
+    grown = mask.copy()
+    for _ in range(BORDER_PX):
+        padded = np.pad(grown, 1)
+        grown = padded[1:-1, 1:-1] | padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:]
+    return grown

@@ -1,0 +1,278 @@
+"""Frozen plan of a protocol on a real arm: conditions and policies in randomized blocks.
+
+A block holds each condition once for each policy. The conditions of a block are in random order; the policies of a
+condition follow each other, so that the scene is set up once, and take turns in being first. A drift of light or
+calibration thus reaches all policies alike. Each trial has a code ("K7Q") that tells neither condition nor policy.
+
+The same arguments give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.interface.actions import SO101_DEGREES, SO101_NORMALIZED, ActionSpace
+from betterbench.jobs.durable import write_durably
+from betterbench.json_form import open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.tasks import get_task
+from betterbench.tasks.interventions.resolve import resolve_condition
+
+PLAN_NAME = "plan.json"
+"""File of the plan in the folder of a protocol."""
+
+PLAN_VERSION = 1
+MAX_PLAN_BYTES = 4 << 20
+MOST_TRIALS = 2000
+"""Largest number of trials of a plan; at two minutes each, two weeks of work."""
+
+CODE_LETTERS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
+"""Characters of codes; none looks like another one."""
+
+Unit = Literal["degrees", "normalized"]
+"""Unit of the five arm joints: degrees, or -100 to 100 over each joint's range. The gripper is 0 to 100 in both."""
+
+ACTION_SPACES: dict[Unit, ActionSpace] = {"degrees": SO101_DEGREES, "normalized": SO101_NORMALIZED}
+"""Action space of each unit."""
+
+_CURE = "Restore the file from a copy, or plan into a new folder"
+_Name = Annotated[str, Field(min_length=1, max_length=80)]
+_Text = Annotated[str, Field(min_length=1, max_length=1000)]
+_Code = Annotated[str, Field(pattern=f"^[{CODE_LETTERS}]{{3}}$")]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class RealPolicy:
+    """A policy of a protocol: its name in tables and its address."""
+
+    name: _Name
+    address: _Text
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class PlannedTrial:
+    """One trial, in the order of the plan.
+
+    Attributes:
+        code: Code that people see.
+        block: Number of the block, from 0.
+        condition: Condition of the task ("T5").
+        policy: Name of the policy.
+        scene_seed: Seed of the twin's scene, which is shown to the operator. A block has one.
+    """
+
+    code: _Code
+    block: Annotated[int, Field(ge=0)]
+    condition: _Name
+    policy: _Name
+    scene_seed: Annotated[int, Field(ge=0)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class RealPlan:
+    """Plan of a protocol.
+
+    Attributes:
+        task: Task of the suite ("fruit_basket").
+        task_version: Version of the task that the conditions belong to.
+        conditions: Conditions, without repetition.
+        policies: Policies, with different names.
+        repeats: Trials per condition and policy; the number of blocks.
+        seed: Seed of the order and the codes.
+        unit: Unit of states and commands.
+        rate_hz: Rate of actions [Hz].
+        time_limit_s: Longest duration of a trial [s].
+        trials: The trials in order.
+    """
+
+    version: Literal[1]
+    task: _Name
+    task_version: int
+    conditions: tuple[_Name, ...]
+    policies: tuple[RealPolicy, ...]
+    repeats: Annotated[int, Field(ge=1)]
+    seed: Annotated[int, Field(ge=0)]
+    unit: Unit
+    rate_hz: Annotated[float, Field(ge=1.0, le=100.0)]
+    time_limit_s: Annotated[float, Field(ge=1.0, le=600.0)]
+    trials: tuple[PlannedTrial, ...]
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError if the trials are not each condition once per policy and block."""
+        names = [policy.name for policy in self.policies]
+        _require_different("conditions", self.conditions)
+        _require_different("policies", names)
+        _require_different("codes", [trial.code for trial in self.trials])
+        planned = Counter((trial.block, trial.condition, trial.policy) for trial in self.trials)
+        asked = {(block, c, p): 1 for block in range(self.repeats) for c in self.conditions for p in names}
+        if planned != asked:
+            problem = "are not each condition once per policy and block"
+            raise InvalidInputError("trials", problem, "Make the plan with better real plan")
+
+    @property
+    def action_space(self) -> ActionSpace:
+        """Action space of the policies."""
+        return ACTION_SPACES[self.unit]
+
+    def trial(self, code: str) -> PlannedTrial:
+        """Return the trial of a code.
+
+        Raises:
+            InvalidInputError: If the plan has no such trial.
+        """
+        for trial in self.trials:
+            if trial.code == code:
+                return trial
+        raise InvalidInputError("trial", f"the plan has no trial {code!r}", "Use a code of better real status")
+
+    def address(self, policy: str) -> str:
+        """Return the address of a policy by its name."""
+        return next(p.address for p in self.policies if p.name == policy)
+
+    def instruction(self, condition: str) -> str:
+        """Return the instruction of a condition."""
+        return resolve_condition(self.task, condition).condition.instruction.text
+
+
+def _require_different(where: str, names: Sequence[str]) -> None:
+    """Raise InvalidInputError if there is no name, or one is given twice."""
+    if not names:
+        raise InvalidInputError(where, "is empty", "Give at least one")
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each once")
+
+
+def matrix_conditions(task: str) -> tuple[str, ...]:
+    """Return the first condition of each cell of a task's matrices, by default the conditions of a protocol."""
+    found = get_task(task)
+    if not found.matrices:
+        cure = "Give --conditions, or a task with diagnostic matrices, such as fruit_basket"
+        raise InvalidInputError("task", f"{task} has no diagnostic matrices", cure)
+    return tuple(cell.conditions[0] for matrix in found.matrices for cell in matrix.cells)
+
+
+def make_plan(
+    policies: Sequence[RealPolicy],
+    *,
+    task: str = "fruit_basket",
+    conditions: Sequence[str] | None = None,
+    repeats: int = 1,
+    seed: int = 0,
+    unit: Unit = "degrees",
+    rate_hz: float = 20.0,
+    time_limit_s: float = 30.0,
+) -> RealPlan:
+    """Return the plan of a protocol, by default with one condition for each cell of the task's matrices.
+
+    Raises:
+        UnknownNameError: If the task or a condition does not exist.
+        InvalidInputError: If a condition or a name is given twice, or a number is out of range.
+    """
+    chosen = matrix_conditions(task) if conditions is None else tuple(conditions)
+    names = [policy.name for policy in policies]
+    _require_different("conditions", chosen)
+    _require_different("policies", names)
+    for name in chosen:
+        resolve_condition(task, name)
+    if not 1 <= repeats <= MOST_TRIALS // (len(chosen) * len(names)):
+        problem = f"{repeats} blocks of {len(chosen) * len(names)} trials are not 1 to {MOST_TRIALS} trials"
+        raise InvalidInputError("trials per cell", problem, "Give another number")
+    trials = [
+        PlannedTrial(code, block, condition, policy, scene_seed)
+        for code, (block, scene_seed, condition, policy) in zip(
+            _codes(repeats * len(chosen) * len(names), seed), _ordered(chosen, names, repeats, seed), strict=True
+        )
+    ]
+    form = {
+        "version": PLAN_VERSION,
+        "task": task,
+        "task_version": get_task(task).version,
+        "conditions": list(chosen),
+        "policies": [asdict(policy) for policy in policies],
+        "repeats": repeats,
+        "seed": seed,
+        "unit": unit,
+        "rate_hz": rate_hz,
+        "time_limit_s": time_limit_s,
+        "trials": [asdict(trial) for trial in trials],
+    }
+    return read_form(_PLAN, form, where="plan", cure="Give another value")
+
+
+def _stream(seed: int, purpose: str) -> np.random.Generator:
+    """Return the generator of one purpose."""
+    digest = hashlib.sha256(f"betterbench real|{seed}|{purpose}".encode()).digest()
+    return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
+
+
+def _ordered(
+    conditions: Sequence[str], policies: Sequence[str], repeats: int, seed: int
+) -> list[tuple[int, int, str, str]]:
+    """Return (block, seed of its scene, condition, policy) of all trials in order."""
+    found = []
+    for block in range(repeats):
+        order = _stream(seed, f"order {block}")
+        scene_seed = int(_stream(seed, f"scene {block}").integers(1_000_000))
+        around = [policies[i] for i in order.permutation(len(policies))]
+        # Each policy is first equally often (within one), in random order.
+        first = order.permutation([i % len(around) for i in range(len(conditions))])
+        for i, start in zip(order.permutation(len(conditions)), first, strict=True):
+            turned = [*around[start:], *around[:start]]
+            found += [(block, scene_seed, conditions[i], policy) for policy in turned]
+    return found
+
+
+def _codes(count: int, seed: int) -> list[str]:
+    """Return different codes of three characters."""
+    letters = len(CODE_LETTERS)
+    drawn = _stream(seed, "codes").choice(letters**3, size=count, replace=False)
+    return ["".join(CODE_LETTERS[int(n) // letters**k % letters] for k in range(3)) for n in drawn]
+
+
+_PLAN = TypeAdapter(RealPlan)
+
+
+def plan_bytes(plan: RealPlan) -> bytes:
+    """Return the file of a plan."""
+    return (json.dumps(sealed_form(asdict(plan)), indent=1, sort_keys=True) + "\n").encode()
+
+
+def write_plan(folder: Path, plan: RealPlan) -> Path:
+    """Write the plan of a new protocol, and return its path.
+
+    Raises:
+        InvalidInputError: If the folder has another plan.
+    """
+    path = folder / PLAN_NAME
+    data = plan_bytes(plan)
+    if path.exists() and path.read_bytes() != data:
+        raise InvalidInputError(str(path), "is another plan", "A plan is never changed: choose another folder")
+    write_durably(path, data)
+    return path
+
+
+def read_plan(folder: Path) -> RealPlan:
+    """Return the plan of a protocol.
+
+    Raises:
+        RecordError: If the file is missing, damaged or changed.
+    """
+    path = folder / PLAN_NAME
+    if not path.exists():
+        raise RecordError(f"{path}: not found. Make a plan with better real plan, or name its folder.")
+    raw = read_bounded(path, max_bytes=MAX_PLAN_BYTES, cure=_CURE, raises=RecordError)
+    form = open_seal(raw, where=str(path), cure=_CURE, raises=RecordError)
+    return read_form(_PLAN, form, where=str(path), cure=_CURE, raises=RecordError)

@@ -1,0 +1,588 @@
+"""Folder of a protocol on a real arm.
+
+::
+
+    RUN/
+      plan.json             frozen plan, with a seal
+      journal.jsonl         one line per event of a trial: begun, ended, aborted, repeated; the only truth for resuming
+      trials/CODE/          the valid attempt of a trial that ended
+        samples.parquet     one row per control step (:class:`Samples`)
+        CAMERA.mp4          H.264 at the rate of the plan, one frame per control step
+        trial.json          :class:`TrialHeader`, with the digests of the other files and a seal; written last
+      aborted/CODE-N/       what was recorded of attempt N, if it was aborted or repeated
+      entries.jsonl         what people saw: one line per entry or undo
+
+The lines of both journals are linked (:mod:`betterbench.jobs.line_journal`). An attempt that was begun and neither
+ended nor aborted was cut off: :meth:`RealJournal.settle` marks it at the next start.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs.decisions import Author, DecisionJournal, Digest, Time, Undo, histories, now, read_decisions
+from betterbench.jobs.durable import write_durably
+from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms, say_lost_tail
+from betterbench.json_form import (
+    content_digest,
+    dump_json,
+    file_digest,
+    open_seal,
+    read_bounded,
+    read_form,
+    sealed_form,
+    strict_form,
+)
+from betterbench.real.outcomes import outcome_named
+from betterbench.real.plan import PlannedTrial, RealPlan, Unit, read_plan
+from betterbench.records.arrays import array_bytes, read_arrays
+
+JOURNAL_NAME, ENTRIES_NAME = "journal.jsonl", "entries.jsonl"
+HEADER_NAME, SAMPLES_NAME = "trial.json", "samples.parquet"
+TRIAL_VERSION: Literal[1] = 1
+MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+"""Motors in the order of the columns."""
+
+SAMPLE_COLUMNS = {
+    "time_s": ("number", 0),
+    "state": ("number", 6),
+    "command": ("number", 6),
+    "asked": ("number", 6),
+    "load": ("number", 6),
+    "late": ("boolean", 0),
+    "limited": ("boolean", 0),
+}
+"""Columns of the samples, and their widths."""
+
+_CURE = "Restore the folder from a copy, or repeat the trial"
+_JOURNAL_CURE = "Restore the file from a copy"
+_MAX_HEADER_BYTES = 1 << 20
+
+Ending = Literal["time_limit", "operator", "policy_ended"]
+"""Reason why a trial ended: its time was over, the operator saw that it was over, or the policy said so."""
+
+
+# ------------------------------------------------------------------------------------------------------------ samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Rows of a trial, one per control step, in the unit of the plan (gripper: 0 closed to 100 open).
+
+    Attributes:
+        time_s: (T,) time since the trial began [s].
+        state: (T, 6) measured positions before the command.
+        command: (T, 6) positions that were sent, after the limits.
+        asked: (T, 6) positions that the policy asked for; NaN if it did not answer in time and the arm held.
+        load: (T, 6) load of each motor as a fraction of its maximum, signed; NaN if the robot does not report it.
+        late: (T,) whether a camera frame was older than a control step allows.
+        limited: (T,) whether the limits changed the command.
+    """
+
+    time_s: np.ndarray
+    state: np.ndarray
+    command: np.ndarray
+    asked: np.ndarray
+    load: np.ndarray
+    late: np.ndarray
+    limited: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.time_s)
+
+    @property
+    def held(self) -> np.ndarray:
+        """(T,) whether the arm held because the policy did not answer in time."""
+        return np.asarray(np.isnan(self.asked).any(axis=1))
+
+    def to_bytes(self) -> bytes:
+        """Return the Parquet file."""
+        return array_bytes(SAMPLE_COLUMNS, {name: getattr(self, name) for name in SAMPLE_COLUMNS})
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Return the samples of a file.
+
+        Raises:
+            RecordError: If the file is damaged, the time does not increase, or a state or command is not finite.
+        """
+        samples = cls(**read_arrays(path, SAMPLE_COLUMNS, cure=_CURE))
+        if len(samples) and not (np.isfinite(samples.time_s).all() and (np.diff(samples.time_s) > 0.0).all()):
+            raise RecordError(f"{path}: column 'time_s' does not increase. {_CURE}.")
+        for name in ("state", "command"):
+            if not np.isfinite(getattr(samples, name)).all():
+                raise RecordError(f"{path}: column {name!r} has a value that is not finite. {_CURE}.")
+        return samples
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Film:
+    """Film of a camera: image size [pixel] and numbers of frames.
+
+    Attributes:
+        frames: Frames in the film, one per control step.
+        late: Frames that were older than a control step allows.
+        dropped: Control steps without a new frame; the film repeats the last one.
+    """
+
+    width: Annotated[int, Field(ge=2)]
+    height: Annotated[int, Field(ge=2)]
+    frames: Annotated[int, Field(ge=0)]
+    late: Annotated[int, Field(ge=0)] = 0
+    dropped: Annotated[int, Field(ge=0)] = 0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class TrialHeader:
+    """Description of one attempt, written when its other files are on disk.
+
+    Attributes:
+        attempt: Number of the attempt, from 1.
+        robot: Name of the robot ("so101_follower", "mock").
+        begun: Time of the first control step.
+        ending: Reason of the end; None if the attempt was aborted.
+        steps: Number of control steps, the rows of the samples.
+        late_steps: Steps that began more than half a period late.
+        held_steps: Steps without an answer of the policy.
+        limited_steps: Steps whose command the limits changed.
+        films: Films by camera.
+        files: SHA-256 of each other file by name.
+        agreement: Measured agreement of scene and twin at the start, 0 to 1; None if it was not measured.
+        overridden: True if the operator began although the scene did not agree with the twin.
+    """
+
+    version: Literal[1]
+    code: str
+    attempt: Annotated[int, Field(ge=1)]
+    robot: str
+    instruction: str
+    unit: Unit
+    rate_hz: Annotated[float, Field(gt=0.0)]
+    begun: Time
+    ending: Ending | None
+    steps: Annotated[int, Field(ge=0)]
+    late_steps: Annotated[int, Field(ge=0)]
+    held_steps: Annotated[int, Field(ge=0)]
+    limited_steps: Annotated[int, Field(ge=0)]
+    films: dict[str, Film]
+    files: dict[str, Digest]
+    agreement: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    overridden: bool = False
+
+    def to_bytes(self) -> bytes:
+        """Return the file."""
+        return (json.dumps(sealed_form(asdict(self)), indent=1, sort_keys=True) + "\n").encode()
+
+
+_HEADER = TypeAdapter(TrialHeader)
+
+
+def read_header(folder: Path) -> TrialHeader:
+    """Return the header of an attempt's folder; raise RecordError if it is missing, damaged or changed."""
+    path = folder / HEADER_NAME
+    if not path.exists():
+        raise RecordError(f"{path}: not found, so the attempt is incomplete. {_CURE}.")
+    raw = read_bounded(path, max_bytes=_MAX_HEADER_BYTES, cure=_CURE, raises=RecordError)
+    form = open_seal(raw, where=str(path), cure=_CURE, raises=RecordError)
+    return read_form(_HEADER, form, where=str(path), cure=_CURE, raises=RecordError)
+
+
+def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Mapping[str, bytes]) -> TrialHeader:
+    """Write the files of an attempt, the header last, and return the header with the digests."""
+    files = {SAMPLES_NAME: samples.to_bytes(), **{f"{camera}.mp4": data for camera, data in films.items()}}
+    for name, data in files.items():
+        write_durably(folder / name, data)
+    form = asdict(header) | {"files": {name: file_digest(folder / name) for name in files}}
+    full = read_form(_HEADER, form, where="trial", cure="Report this")
+    write_durably(folder / HEADER_NAME, full.to_bytes())
+    return full
+
+
+# ------------------------------------------------------------------------------------------------------------ journal
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One line of the journal.
+
+    Attributes:
+        event: "begun", "ended", "aborted" (the attempt does not count; the trial comes again) or "repeated" (a person
+            discards an attempt that ended).
+        code: Code of the trial.
+        attempt: Number of the attempt, from 1.
+        reason: Reason of the end; a sentence for "aborted" and "repeated".
+        person: Who discarded the attempt; otherwise an empty text.
+        record: SHA-256 of the attempt's ``trial.json``, for "ended".
+    """
+
+    event: Literal["begun", "ended", "aborted", "repeated"]
+    code: str
+    attempt: Annotated[int, Field(ge=1)]
+    time: Time
+    reason: Annotated[str, Field(max_length=500)] = ""
+    person: Annotated[str, Field(max_length=80)] = ""
+    record: Digest | None = None
+
+
+_EVENT = TypeAdapter(Event)
+
+TrialState = Literal["open", "running", "done"]
+"""State of a trial: to be run, begun and not over, or done."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialProgress:
+    """State of a trial, the number of its last attempt (0 before the first), and the digest of its header."""
+
+    state: TrialState = "open"
+    attempt: int = 0
+    record: str | None = None
+    ending: str = ""
+
+    def after(self, event: Event, where: str) -> TrialProgress:
+        """Return the state after one more event; raise RecordError if the event does not fit."""
+        begins = event.event == "begun"
+        expected: TrialState = {"begun": "open", "repeated": "done"}.get(event.event, "running")  # type: ignore[assignment]
+        if self.state != expected or event.attempt != self.attempt + begins:
+            problem = f"attempt {event.attempt} of {event.code} is {event.event}, but attempt {self.attempt} is"
+            raise RecordError(f"{where}: {problem} {self.state}. {_JOURNAL_CURE}.")
+        if event.event == "ended":
+            return TrialProgress("done", event.attempt, event.record, event.reason)
+        return TrialProgress("running" if begins else "open", event.attempt)
+
+
+def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
+    """Return the events of a journal's lines, and the last link."""
+    found, link = [], ""
+    for number, (form, after) in enumerate(linked_forms(path, lines, cure=_JOURNAL_CURE), start=1):
+        where = f"{path}: line {number}"
+        found.append(read_form(_EVENT, form, where=where, cure=_JOURNAL_CURE, raises=RecordError))
+        link = after
+    return found, link
+
+
+def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, TrialProgress]:
+    """Return the state of every trial of a plan."""
+    states = {trial.code: TrialProgress() for trial in plan.trials}
+    for number, event in enumerate(events, start=1):
+        where = f"{path}: line {number}"
+        if event.code not in states:
+            raise RecordError(f"{where}: the plan has no trial {event.code!r}. {_JOURNAL_CURE}.")
+        states[event.code] = states[event.code].after(event, where)
+    return states
+
+
+class RealJournal(LineJournal):
+    """Journal of a protocol, open for appending. Opening locks the folder for this process.
+
+    Raises:
+        RunConflictError: If another process runs the protocol.
+        RecordError: If a line is damaged, or does not fit the plan.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the journal of a folder with a plan."""
+        self.folder, self.plan = folder, read_plan(folder)
+        self._link, self._states = "", dict[str, TrialProgress]()
+        super().__init__(folder / JOURNAL_NAME)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        events, self._link = _events(self._path, lines)
+        self._states = _progress(self.plan, events, self._path)
+
+    def state(self, code: str) -> TrialProgress:
+        """Return the state of a trial."""
+        return self._states[code]
+
+    @property
+    def next_trial(self) -> PlannedTrial | None:
+        """The first trial of the plan that is not done, or None."""
+        return next((t for t in self.plan.trials if self._states[t.code].state != "done"), None)
+
+    def _append(self, event: Event) -> None:
+        after = self._states[event.code].after(event, str(self._path))
+        form = asdict(event)
+        read_form(_EVENT, form, where="event", cure="Give another value")
+        link = link_after(self._link, form)
+        self._append_line({**form, LINK: link})
+        self._link, self._states[event.code] = link, after
+
+    def begin(self, code: str) -> Path:
+        """Note that the next attempt of a trial begins, and return the empty folder for its files."""
+        self._append(Event("begun", code, self._states[code].attempt + 1, now()))
+        folder = self.attempt_folder(code)
+        folder.mkdir(parents=True)
+        return folder
+
+    def end(self, code: str, ending: Ending) -> None:
+        """Note that the running attempt ended; its files must be on disk."""
+        record = file_digest(self.attempt_folder(code) / HEADER_NAME)
+        self._append(Event("ended", code, self._states[code].attempt, now(), ending, record=record))
+
+    def abort(self, code: str, reason: str) -> None:
+        """Note that the running attempt does not count, and move its files away."""
+        self._append(Event("aborted", code, self._states[code].attempt, now(), reason[:500]))
+        self._put_away(code)
+
+    def repeat(self, code: str, reason: str, person: str) -> None:
+        """Discard an attempt that ended; the trial comes again.
+
+        Raises:
+            InvalidInputError: If the trial is not done, or the reason is empty.
+        """
+        if self._states[code].state != "done":
+            raise InvalidInputError("repeat", f"{code} is not done", "Name a trial that is done")
+        if not reason.strip():
+            raise InvalidInputError("repeat", f"{code} needs a reason", "Say why its record does not count")
+        self._append(Event("repeated", code, self._states[code].attempt, now(), reason[:500], person))
+        self._put_away(code)
+
+    def settle(self) -> list[str]:
+        """Mark attempts that were cut off as aborted, and return their codes."""
+        cut = [code for code, progress in self._states.items() if progress.state == "running"]
+        for code in cut:
+            self.abort(code, "the program ended before the trial did")
+        for code, progress in self._states.items():
+            if progress.state == "open":  # a kill between line and move
+                self._put_away(code)
+        return cut
+
+    def attempt_folder(self, code: str) -> Path:
+        """Return the folder of a trial's valid or running attempt."""
+        return self.folder / "trials" / code
+
+    def _put_away(self, code: str) -> None:
+        there = self.attempt_folder(code)
+        if there.exists():
+            away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
+            away.parent.mkdir(exist_ok=True)
+            there.rename(away)
+
+
+# ------------------------------------------------------------------------------------------------------------ entries
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a person saw: the name of an outcome (:mod:`betterbench.real.outcomes`), and a note."""
+
+    outcome: Annotated[str, Field(max_length=40)]
+    note: Annotated[str, Field(max_length=500)] = ""
+    kind: Literal["seen"] = "seen"
+
+    def __post_init__(self) -> None:
+        """Require a known outcome, and a note for "other"."""
+        outcome_named(self.outcome)
+        if self.outcome == "other" and not self.note.strip():
+            raise ValueError("outcome 'other' needs a note")
+
+
+Role = Literal["operator", "judge"]
+"""Role of a person: the operator at the arm, or a judge who sees only the film."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of ``entries.jsonl``.
+
+    Attributes:
+        code: Code of the trial.
+        attempt: Attempt that was seen.
+        author: Name of the person.
+        time: Time of the entry.
+        decision: What was seen, or the undo of an earlier line of the same person on the same attempt.
+    """
+
+    code: Annotated[str, Field(max_length=10)]
+    attempt: Annotated[int, Field(ge=1)]
+    author: Author
+    role: Role
+    time: Time
+    decision: Annotated[Seen | Undo, Field(discriminator="kind")]
+
+    @property
+    def content(self) -> str:
+        """Hash of trial, attempt, person and role: entries with the same one form a history."""
+        subject = [self.code, self.attempt, self.author, self.role]
+        return content_digest("betterbench real entry", dump_json(subject))
+
+    @property
+    def subject(self) -> str:
+        """Displayed name of the subject."""
+        return f"{self.code} by {self.author} ({self.role})"
+
+    def misfit(self, changes: int) -> str:
+        """Return the reason why the entry does not fit after others: none, a later entry replaces an earlier one."""
+        del changes
+        return ""
+
+
+_ENTRY = TypeAdapter(Entry)
+
+
+class EntryJournal(DecisionJournal[Entry]):
+    """The file of entries, open for appending by one process."""
+
+    adapter = _ENTRY
+
+    def last(self, code: str, attempt: int, author: str, role: Role) -> tuple[int, Entry] | None:
+        """Return a person's standing entry on an attempt with its line number, or None."""
+        key = Entry(code, attempt, author, role, now(), Seen("done"))
+        return self.history(key.content).last
+
+
+def enter(
+    folder: Path, code: str, attempt: int, *, author: str, role: Role, outcome: str | None, note: str = ""
+) -> None:
+    """Append what a person saw, or with outcome None undo the person's last entry on the attempt.
+
+    The file is open only meanwhile, so that operator and judges can work in different processes.
+
+    Raises:
+        UnknownNameError: If the outcome does not exist.
+        InvalidInputError: If there is nothing to undo, or a field is not valid.
+        RunConflictError: If another process writes an entry at this moment.
+    """
+    with EntryJournal(folder / ENTRIES_NAME) as journal:
+        if outcome is None:
+            last = journal.last(code, attempt, author, role)
+            if last is None:
+                raise InvalidInputError("undo", f"{author} has no entry on {code}", "Enter an outcome first")
+            decision: Seen | Undo = Undo(last[0])
+        else:
+            outcome_named(outcome)
+            if outcome == "other" and not note.strip():
+                raise InvalidInputError("note", "outcome 'other' needs a note", "Say what was seen")
+            decision = Seen(outcome, note)
+        journal.append(Entry(code, attempt, author, role, now(), decision))
+
+
+# ------------------------------------------------------------------------------------------------------------ reading
+
+
+@dataclass(frozen=True, slots=True)
+class RealTrial:
+    """A trial that is done.
+
+    Attributes:
+        planned: Its line of the plan.
+        header: Its header.
+        folder: Its folder.
+        entries: Standing entries on this attempt, the last of each person and role, in the order of the file.
+    """
+
+    planned: PlannedTrial
+    header: TrialHeader
+    folder: Path
+    entries: tuple[Entry, ...] = ()
+
+    @property
+    def code(self) -> str:
+        """Code of the trial."""
+        return self.planned.code
+
+    def samples(self) -> Samples:
+        """Return the samples; raise RecordError if the file is missing, changed or damaged."""
+        samples = Samples.read(self._checked(SAMPLES_NAME))
+        if len(samples) != self.header.steps:
+            problem = f"has {len(samples)} rows, and {HEADER_NAME} names {self.header.steps}"
+            raise RecordError(f"{self.folder / SAMPLES_NAME}: {problem}. {_CURE}.")
+        return samples
+
+    def film(self, camera: str) -> Path:
+        """Return the checked film of a camera; raise RecordError if it is missing or changed."""
+        return self._checked(f"{camera}.mp4")
+
+    def seen_by(self, role: Role) -> tuple[Entry, ...]:
+        """Return the standing entries of a role."""
+        return tuple(entry for entry in self.entries if entry.role == role)
+
+    def _checked(self, name: str) -> Path:
+        path = self.folder / name
+        told = self.header.files.get(name)
+        if told is None:
+            raise RecordError(f"{path}: is not named in {HEADER_NAME}. {_CURE}.")
+        if not path.is_file():
+            raise RecordError(f"{path}: not found. {_CURE}.")
+        if file_digest(path) != told:
+            raise RecordError(f"{path}: was changed after it was recorded. {_CURE}.")
+        return path
+
+
+@dataclass(frozen=True, slots=True)
+class RealRun:
+    """A protocol as far as it was run.
+
+    Attributes:
+        events: Lines of the journal.
+        states: State of each trial by code.
+        trials: Trials that are done, in the order of the plan.
+    """
+
+    folder: Path
+    plan: RealPlan
+    events: tuple[Event, ...]
+    states: Mapping[str, TrialProgress]
+    trials: tuple[RealTrial, ...]
+
+    @property
+    def aborted(self) -> tuple[Event, ...]:
+        """Attempts that do not count: aborted, or repeated by a person."""
+        return tuple(event for event in self.events if event.event in ("aborted", "repeated"))
+
+    def trial(self, code: str) -> RealTrial:
+        """Return a trial that is done; raise InvalidInputError if it is not."""
+        for trial in self.trials:
+            if trial.code == code:
+                return trial
+        self.plan.trial(code)
+        raise InvalidInputError("trial", f"{code} is not done", "Run it with better real run")
+
+
+def read_run(folder: Path) -> RealRun:
+    """Return a protocol. Samples and films are read when they are asked for.
+
+    Raises:
+        RecordError: If a file is missing, damaged or changed; the message names it.
+    """
+    plan = read_plan(folder)
+    path = folder / JOURNAL_NAME
+    lines, _ = complete_lines(path)
+    if lines:
+        say_lost_tail(path)
+    events, _ = _events(path, lines)
+    states = _progress(plan, events, path)
+    standing = _standing(folder / ENTRIES_NAME)
+    trials = []
+    for planned in plan.trials:
+        progress = states[planned.code]
+        if progress.state != "done":
+            continue
+        place = folder / "trials" / planned.code
+        header = read_header(place)
+        if file_digest(place / HEADER_NAME) != progress.record:
+            raise RecordError(f"{place / HEADER_NAME}: is not the file that {path} names. {_CURE}.")
+        seen = tuple(e for e in standing if (e.code, e.attempt) == (planned.code, progress.attempt))
+        trials.append(RealTrial(planned, header, place, seen))
+    return RealRun(folder, plan, tuple(events), states, tuple(trials))
+
+
+def _standing(path: Path) -> list[Entry]:
+    """Return the last entry of each person, role and attempt that was not undone, in the order of the file."""
+    entries = read_decisions(_ENTRY, path) if path.exists() else ()
+    lasts = [history.last for history in histories(entries, str(path)).values()]
+    return [last[1] for last in sorted((last for last in lasts if last is not None), key=lambda last: last[0])]

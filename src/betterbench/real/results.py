@@ -1,0 +1,575 @@
+"""Results of a protocol on a real arm: labels, both matrices per policy, agreement of people, and checks of the order.
+
+The matrices are the report's own (``report.tables.matrices``). Trials without a label are in none of their rates: they
+are counted beside the cell. With runs of the twin, each cell is compared with the simulated one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from betterbench.diagnosis import diagnose_run
+from betterbench.diagnosis.verdict import Attempt, Evidence, RunDiagnosis, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+from betterbench.real.agreement import PairAgreement, agreements_of
+from betterbench.real.labels import Judged, RealLabel, label_trial
+from betterbench.real.plan import RealPolicy
+from betterbench.real.record import RealRun, RealTrial, read_run
+from betterbench.real.signals import Closing, JointSignals
+from betterbench.records import RunFolder
+from betterbench.report.tables.cell_position import cell_of
+from betterbench.report.tables.matrices import Cell, Matrix, matrices_of, outcomes_text
+from betterbench.statistics import Rate
+from betterbench.statistics.agreement import AgreementTable
+from betterbench.statistics.difference import Difference, newcombe_difference
+from betterbench.statistics.wording import plural
+from betterbench.tasks.authoring.condition_matrix import State
+from betterbench.tasks.interventions.resolve import resolve_condition
+from betterbench.tasks.labels import Kind, Label
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedTrial:
+    """One trial that is done, with its label.
+
+    Attributes:
+        trial: The record.
+        label: Label and evidence.
+        signals: Joint signals, or None if there are too few samples.
+        judged: What people entered.
+        ambiguous: Whether the premise of the condition is broken: shown, never a failure.
+    """
+
+    trial: RealTrial
+    label: RealLabel
+    signals: JointSignals | None
+    judged: Judged
+    ambiguous: bool
+
+    @property
+    def counted(self) -> bool:
+        """Whether the trial is in a rate."""
+        return self.label.label is not None and not self.ambiguous
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-serializable dict."""
+        planned, header, signals = self.trial.planned, self.trial.header, self.signals
+        form: dict[str, Any] = {
+            **asdict(planned),
+            **self.label.to_json(),
+            "ambiguous": self.ambiguous,
+            "attempt": header.attempt,
+            "judges": self.judged.votes,
+            "operator": self.judged.operator,
+            "steps": header.steps,
+            "late_steps": header.late_steps,
+            "held_steps": header.held_steps,
+            "limited_steps": header.limited_steps,
+        }
+        if signals is not None:
+            form["signals"] = {
+                "duration_s": signals.duration_s,
+                "reach_m": signals.reach_m,
+                "path_m": signals.path_m,
+                "freeze": None if signals.freeze is None else asdict(signals.freeze),
+                "to_and_fro": None if signals.to_and_fro is None else asdict(signals.to_and_fro),
+                "repeated": None if signals.repeated is None else asdict(signals.repeated),
+                "load_known": signals.load_known,
+                "closings": [asdict(closing) for closing in signals.closings],
+            }
+        return form
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Fate of every planned trial; the five numbers add up to the plan.
+
+    Attributes:
+        right: Trials with a right outcome.
+        failed: Trials with a failure.
+        ambiguous: Labelled trials of conditions with a broken premise.
+        unscored: Trials that are done and have no label.
+        open: Trials that are not done.
+        contradictions: Unscored trials whose entries and joint states exclude each other.
+    """
+
+    right: int
+    failed: int
+    ambiguous: int
+    unscored: int
+    open: int
+    contradictions: int
+
+    @classmethod
+    def of(cls, trials: Sequence[JudgedTrial], planned: int) -> Counts:
+        """Return the counts of a policy."""
+        right = sum(t.counted and t.label.label is not None and t.label.label.kind is Kind.NONE for t in trials)
+        counted = sum(t.counted for t in trials)
+        unscored = sum(t.label.label is None for t in trials)
+        return cls(
+            right,
+            counted - right,
+            len(trials) - counted - unscored,
+            unscored,
+            planned - len(trials),
+            sum(bool(t.label.contradiction) for t in trials),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Lateness:
+    """Late frames and steps of a policy's trials.
+
+    Attributes:
+        steps: Control steps.
+        late: Steps that began late, as a rate of all steps.
+        held: Steps without an answer of the policy.
+        limited: Steps whose command the limits changed.
+        frames: Late frames by camera, as rates of all frames.
+        dropped: Control steps without a new frame by camera.
+    """
+
+    steps: int
+    late: Rate
+    held: Rate
+    limited: Rate
+    frames: Mapping[str, Rate]
+    dropped: Mapping[str, Rate]
+
+    @classmethod
+    def of(cls, trials: Sequence[RealTrial]) -> Lateness:
+        """Return the sums of some trials."""
+        headers = [trial.header for trial in trials]
+        steps = sum(h.steps for h in headers)
+        cameras = sorted({camera for h in headers for camera in h.films})
+        films = {camera: [h.films[camera] for h in headers if camera in h.films] for camera in cameras}
+        return cls(
+            steps,
+            Rate(sum(h.late_steps for h in headers), steps),
+            Rate(sum(h.held_steps for h in headers), steps),
+            Rate(sum(h.limited_steps for h in headers), steps),
+            {c: Rate(sum(f.late for f in found), sum(f.frames for f in found)) for c, found in films.items()},
+            {c: Rate(sum(f.dropped for f in found), sum(f.frames for f in found)) for c, found in films.items()},
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyResult:
+    """Results of one policy.
+
+    Attributes:
+        diagnosis: Labelled trials in the form of a simulated diagnosis.
+        matrices: The short-horizon and the long-horizon matrix.
+        unscored: Number of unscored trials by matrix name, row and column.
+    """
+
+    policy: RealPolicy
+    trials: tuple[JudgedTrial, ...]
+    counts: Counts
+    lateness: Lateness
+    diagnosis: RunDiagnosis
+    matrices: tuple[Matrix, Matrix]
+    unscored: Mapping[tuple[str, State, State], int]
+
+    @property
+    def labels(self) -> tuple[tuple[str, int], ...]:
+        """Labels with their counts, most frequent first; ambiguous trials are left out."""
+        counts = Counter(t.label.name for t in self.trials if not t.ambiguous)
+        return tuple(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+@dataclass(frozen=True, slots=True)
+class OrderCheck:
+    """Order in which trials were really run, from the times of the journal.
+
+    Attributes:
+        follows_plan: Whether the trials that are done began in the order of the plan.
+        longest_run: Largest number of successive trials of one policy.
+        expected_run: Largest number that the plan has.
+        middle: Mean position of each policy's trials, from 0 (first) to 1 (last).
+        discarded: Attempts that were aborted or repeated, by policy.
+    """
+
+    follows_plan: bool
+    longest_run: int
+    expected_run: int
+    middle: Mapping[str, float]
+    discarded: Mapping[str, int]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Findings, one sentence each."""
+        found = []
+        if self.longest_run > self.expected_run:
+            found.append(
+                f"{self.longest_run} trials of one policy followed each other, and the plan has at most "
+                f"{self.expected_run}: a drift of light or calibration may look like this policy."
+            )
+        else:
+            found.append(
+                f"The policies took turns as planned: at most {plural(self.longest_run, 'trial')} of one policy "
+                "followed each other."
+            )
+        if not self.follows_plan:
+            found.append("Trials were repeated later, so that the order differs from the plan.")
+        if len(self.middle) > 1:
+            places = ", ".join(f"{name} {value:.2f}" for name, value in self.middle.items())
+            found.append(f"Mean position of the trials of each policy, from 0 (first) to 1 (last): {places}.")
+        counts = list(self.discarded.values())
+        if any(counts):
+            told = ", ".join(f"{name} {count}" for name, count in self.discarded.items())
+            found.append(f"Attempts that were aborted or repeated: {told}.")
+        return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class CellComparison:
+    """One cell of the real matrix beside the same cell of the twin.
+
+    Attributes:
+        matrix: Name of the matrix.
+        real: Right outcomes of the real arm.
+        simulated: Right outcomes of the twin.
+        difference: Real minus simulated rate, with its interval; None in an ambiguous cell.
+        real_labels: Labels with counts, as text.
+        simulated_labels: As ``real_labels``.
+        same_label: Real trials whose label is the most frequent one of the twin; None if the twin has no trial.
+    """
+
+    matrix: str
+    row: State
+    column: State
+    conditions: tuple[str, ...]
+    real: Rate
+    simulated: Rate
+    difference: Difference | None
+    real_labels: str
+    simulated_labels: str
+    same_label: Rate | None
+
+    @property
+    def comparable(self) -> bool:
+        """Whether both sides have counted trials."""
+        return self.difference is not None and bool(self.real.n and self.simulated.n)
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether both sides are right in more than half of the trials, or both are not; None if not comparable."""
+        return (2 * self.real.k > self.real.n) is (2 * self.simulated.k > self.simulated.n) if self.comparable else None
+
+    @property
+    def differs(self) -> bool:
+        """Whether the interval of the difference excludes zero."""
+        return self.comparable and self.difference is not None and self.difference.excludes_zero
+
+
+@dataclass(frozen=True, slots=True)
+class TwinComparison:
+    """Matrices of a policy on the real arm beside those of a run of the twin.
+
+    Attributes:
+        run: Folder of the simulated run.
+        cells: Cells in which a side has trials.
+        same_side: Cells in which both sides are mostly right, or both are not.
+        table: The same as a table: right or not, real in rows.
+        same_label: Real trials with the most frequent label of the twin's cell.
+    """
+
+    policy: str
+    run: str
+    cells: tuple[CellComparison, ...]
+    same_side: Rate
+    table: AgreementTable
+    same_label: Rate
+
+    @property
+    def sentence(self) -> str:
+        """Answer to the question whether the twin predicts the real arm."""
+        k, n = self.same_side.k, self.same_side.n
+        if not n:
+            return "No cell has trials on both sides."
+        text = (
+            f"In {k} of {n} cells, real arm and twin are both mostly right or both not (95 % interval "
+            f"{self.same_side.low:.0%} to {self.same_side.high:.0%})"
+        )
+        kappa, interval = self.table.kappa, self.table.interval()
+        if kappa is not None and interval is not None:
+            text += f"; kappa over cells {kappa:.2f} ({interval.low:.2f} to {interval.high:.2f})"
+        apart = [cell for cell in self.cells if cell.differs]
+        text += f". {plural(len(apart), 'cell')} differ{'s' if len(apart) == 1 else ''} by more than chance explains"
+        return f"{text}; {self.same_label.k} of {self.same_label.n} real trials have the twin's most frequent label."
+
+
+@dataclass(frozen=True, slots=True)
+class RealResults:
+    """Results of a protocol."""
+
+    run: RealRun
+    policies: tuple[PolicyResult, ...]
+    agreements: tuple[PairAgreement, ...]
+    order: OrderCheck
+    twins: tuple[TwinComparison, ...]
+
+    @property
+    def trials(self) -> tuple[JudgedTrial, ...]:
+        """All trials that are done, in the order of the plan."""
+        place = {trial.code: k for k, trial in enumerate(self.run.plan.trials)}
+        return tuple(sorted((t for p in self.policies for t in p.trials), key=lambda t: place[t.trial.code]))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the document of ``better real report --json``."""
+        return {
+            "task": self.run.plan.task,
+            "repeats": self.run.plan.repeats,
+            "planned": len(self.run.plan.trials),
+            "trials": [trial.to_json() for trial in self.trials],
+            "policies": [
+                {
+                    "policy": p.policy.name,
+                    "address": p.policy.address,
+                    "counts": asdict(p.counts),
+                    "labels": dict(p.labels),
+                    "matrices": [_matrix_form(m, p.unscored) for m in p.matrices],
+                    "lateness": {
+                        "steps": p.lateness.steps,
+                        "late": p.lateness.late.to_json(),
+                        "held": p.lateness.held.to_json(),
+                        "limited": p.lateness.limited.to_json(),
+                        "late_frames": {c: r.to_json() for c, r in p.lateness.frames.items()},
+                        "dropped_frames": {c: r.to_json() for c, r in p.lateness.dropped.items()},
+                    },
+                }
+                for p in self.policies
+            ],
+            "agreements": [agreement.to_json() for agreement in self.agreements],
+            "order": {**asdict(self.order), "sentences": list(self.order.sentences)},
+            "twins": [_twin_form(twin) for twin in self.twins],
+        }
+
+
+def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
+    """Return the results of a protocol, and its comparison with runs of the twin.
+
+    A run of the twin belongs to the policy with the same address; a single run and a single policy belong together in
+    any case.
+
+    Raises:
+        RecordError: If a file is missing, damaged or changed.
+        InvalidInputError: If a run of the twin belongs to no policy, or has another task.
+    """
+    run = read_run(folder)
+    judged = [_judged(trial, run.plan.task) for trial in run.trials]
+    policies = tuple(
+        _policy_result(run, policy, [t for t in judged if t.trial.planned.policy == policy.name])
+        for policy in run.plan.policies
+    )
+    twins = tuple(_compared(path, run, policies) for path in sims)
+    return RealResults(run, policies, agreements_of(run.trials), _order_check(run), twins)
+
+
+def _judged(trial: RealTrial, task: str) -> JudgedTrial:
+    label, signals, judged = label_trial(trial, task)
+    condition = resolve_condition(task, trial.planned.condition).condition
+    return JudgedTrial(trial, label, signals, judged, condition.expected.value == "ambiguous")
+
+
+def _policy_result(run: RealRun, policy: RealPolicy, trials: Sequence[JudgedTrial]) -> PolicyResult:
+    task = run.plan.task
+    labelled = tuple(_diagnosed(t, t.label.label, run) for t in trials if t.label.label is not None)
+    diagnosis = RunDiagnosis(policy.name, labelled, (), (), (), {}, {}, address=policy.address)
+    unscored: Counter[tuple[str, State, State]] = Counter()
+    for trial in trials:
+        at = cell_of(resolve_condition(task, trial.trial.planned.condition))
+        if trial.label.label is None and at is not None:
+            unscored[f"{at.horizon.value}_horizon_matrix", at.row, at.column] += 1
+    planned = sum(t.policy == policy.name for t in run.plan.trials)
+    return PolicyResult(
+        policy,
+        tuple(trials),
+        Counts.of(trials, planned),
+        Lateness.of([t.trial for t in trials]),
+        diagnosis,
+        matrices_of(diagnosis),
+        unscored,
+    )
+
+
+def _diagnosed(judged: JudgedTrial, label: Label, run: RealRun) -> TrialDiagnosis:
+    """Return a trial in the form of the simulated diagnosis, for the report's matrices."""
+    planned, found = judged.trial.planned, judged.label
+    resolved = resolve_condition(run.plan.task, planned.condition)
+    right = label.kind is Kind.NONE
+    attempts = judged.signals.attempts if judged.signals is not None else ()
+    return TrialDiagnosis(
+        task=run.plan.task,
+        variation=None if resolved.variation is None else planned.condition,
+        condition=resolved.base,
+        axis=resolved.axis,
+        seed=planned.scene_seed,
+        policy=planned.policy,
+        instruction=judged.trial.header.instruction,
+        success=right,
+        expected=resolved.condition.expected.value,
+        label=label,
+        first_attempt=None,
+        first_attempt_kind=None,
+        first_slot=None,
+        intended=None,
+        intended_kind=None,
+        intended_any=(),
+        intention_correct=None,
+        progress=float(right),
+        attempts=tuple(_attempt(closing) for closing in attempts),
+        evidence=Evidence(found.rule, found.text, found.start_s, found.end_s),
+        collisions=None,
+        steps=judged.trial.header.steps,
+        duration_s=0.0 if judged.signals is None else judged.signals.duration_s,
+        record=None,
+    )
+
+
+def _attempt(closing: Closing) -> Attempt:
+    lifted = closing.holds and closing.lost_s is None
+    return Attempt(closing.start_s, closing.over_s, None, None, "null" if not closing.holds else "target", lifted)
+
+
+def _order_check(run: RealRun) -> OrderCheck:
+    """Return the order of the trials that are done, by the last attempt's beginning."""
+    begun = {e.code: k for k, e in enumerate(run.events) if e.event == "begun"}
+    done = [trial.planned for trial in run.trials]
+    order = sorted(done, key=lambda planned: begun[planned.code])
+    names = [policy.name for policy in run.plan.policies]
+    last = max(1, len(order) - 1)
+    middle = {
+        name: sum(k / last for k, p in enumerate(order) if p.policy == name) / count
+        for name in names
+        if (count := sum(p.policy == name for p in order))
+    }
+    policy_of = {planned.code: planned.policy for planned in run.plan.trials}
+    discarded = Counter(policy_of[event.code] for event in run.aborted)
+    return OrderCheck(
+        order == done,
+        _longest([p.policy for p in order]),
+        _longest([p.policy for p in run.plan.trials]),
+        middle,
+        {name: discarded[name] for name in names},
+    )
+
+
+def _longest(names: Sequence[str]) -> int:
+    """Return the length of the longest run of one name."""
+    return max((len(list(group)) for _, group in itertools.groupby(names)), default=0)
+
+
+# --------------------------------------------------------------------------------------------------------------- twin
+
+
+def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> TwinComparison:
+    """Return the comparison of a run of the twin with its policy."""
+    diagnosis = diagnose_run(RunFolder.open(path))
+    tasks = {trial.task for trial in diagnosis.trials}
+    if run.plan.task not in tasks:
+        problem = f"has no trial of {run.plan.task}, but of {', '.join(sorted(tasks)) or 'no task'}"
+        raise InvalidInputError(f"--sim {path}", problem, "Give a run of the same task on the twin")
+    mine = [p for p in policies if p.policy.address == diagnosis.address]
+    if not mine and len(policies) == 1:
+        mine = list(policies)
+    if not mine:
+        known = ", ".join(p.policy.address for p in policies)
+        problem = f"is a run of {diagnosis.address}, and the protocol has {known}"
+        raise InvalidInputError(f"--sim {path}", problem, "Run the same policy on the twin with better eval")
+    return compare_matrices(mine[0].policy.name, mine[0].matrices, matrices_of(diagnosis), run=str(path))
+
+
+def compare_matrices(policy: str, real: Sequence[Matrix], twin: Sequence[Matrix], *, run: str = "") -> TwinComparison:
+    """Return the comparison of two pairs of matrices, cell by cell."""
+    cells = []
+    for ours, theirs in zip(real, twin, strict=True):
+        for row, other in zip(ours.cells, theirs.cells, strict=True):
+            cells += [_cell(ours.name, a, b) for a, b in zip(row, other, strict=True) if not (a.empty and b.empty)]
+    both = [cell for cell in cells if cell.comparable]
+    sides = [("right" if 2 * c.real.k > c.real.n else "not", "right" if 2 * c.simulated.k > c.simulated.n else "not")
+             for c in both]  # fmt: skip
+    labels = [cell.same_label for cell in cells if cell.same_label is not None]
+    return TwinComparison(
+        policy,
+        run,
+        tuple(cells),
+        Rate(sum(bool(cell.agrees) for cell in both), len(both)),
+        AgreementTable.of_pairs(sides, ("right", "not")),
+        Rate(sum(rate.k for rate in labels), sum(rate.n for rate in labels)),
+    )
+
+
+def _cell(matrix: str, real: Cell, twin: Cell) -> CellComparison:
+    ambiguous = real.ambiguous or twin.ambiguous
+    usual = twin.labels[0][0] if twin.labels else None
+    same = None
+    if usual is not None and not real.empty:
+        same = Rate(dict(real.labels).get(usual, 0), real.success.n)
+    return CellComparison(
+        matrix,
+        real.row,
+        real.column,
+        tuple(dict.fromkeys(source.id for cell in (real, twin) for source in cell.sources)),
+        real.success,
+        twin.success,
+        None if ambiguous else newcombe_difference(real.success, twin.success),
+        outcomes_text(real.labels),
+        outcomes_text(twin.labels),
+        same,
+    )
+
+
+def _matrix_form(matrix: Matrix, unscored: Mapping[tuple[str, State, State], int]) -> dict[str, Any]:
+    return {
+        "name": matrix.name,
+        "cells": [
+            {
+                "row": cell.row.value,
+                "column": cell.column.value,
+                "conditions": [source.id for source in cell.sources],
+                "ambiguous": cell.ambiguous,
+                **cell.success.to_json(),
+                "labels": {label.value: count for label, count in cell.labels},
+                "unscored": unscored.get((matrix.name, cell.row, cell.column), 0),
+                "paper": cell.paper,
+            }
+            for row in matrix.cells
+            for cell in row
+        ],
+    }
+
+
+def _twin_form(twin: TwinComparison) -> dict[str, Any]:
+    interval = twin.table.interval()
+    return {
+        "policy": twin.policy,
+        "run": twin.run,
+        "sentence": twin.sentence,
+        "same_side": twin.same_side.to_json(),
+        "kappa": twin.table.kappa,
+        "kappa_low": None if interval is None else interval.low,
+        "kappa_high": None if interval is None else interval.high,
+        "same_label": twin.same_label.to_json(),
+        "cells": [
+            {
+                "matrix": cell.matrix,
+                "row": cell.row.value,
+                "column": cell.column.value,
+                "conditions": list(cell.conditions),
+                "real": cell.real.to_json(),
+                "simulated": cell.simulated.to_json(),
+                "difference": None if cell.difference is None else cell.difference.to_json(),
+                "agrees": cell.agrees,
+                "real_labels": cell.real_labels,
+                "simulated_labels": cell.simulated_labels,
+            }
+            for cell in twin.cells
+        ],
+    }

@@ -1,0 +1,418 @@
+"""Session of an operator: set up a scene, switch the arm on, run the trial, enter what happened, next trial.
+
+All work is done by the thread of :meth:`RealSession.run`, to which renderers belong. Pages and keys put commands into
+its queue; only :meth:`RealSession.halt`, and commands that end a trial, act at once, from any thread.
+
+A session may end at any moment. At the next start, an attempt that was cut off is aborted and comes again, and a trial
+that ended without an entry is shown first.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Self
+
+from betterbench.errors import BetterError, InvalidInputError, StorageError
+from betterbench.real.arm import SafeArm
+from betterbench.real.asking import RealPolicies
+from betterbench.real.limits import Limiter, SafetyLimits
+from betterbench.real.loop import Controls, TrialAbortedError, TrialRun
+from betterbench.real.outcomes import outcome_named
+from betterbench.real.overlap import Agreement, measure_agreement
+from betterbench.real.plan import PlannedTrial
+from betterbench.real.record import RealJournal, enter, read_run
+from betterbench.real.robots.robot import Reading, Robot, RobotError
+from betterbench.real.twin import FRONT, SetupStep, Twin, TwinView
+
+MOST_WAITING = 50
+LOOK_S = 0.1
+"""Time between two looks at the scene while nothing runs [s]."""
+MEASURE_S = 1.0
+"""Time between two measurements of the scene [s]."""
+
+logger = logging.getLogger(__name__)
+
+
+class Stage(StrEnum):
+    """Stage of a session."""
+
+    SETUP = "setup"
+    RUNNING = "running"
+    ENTER = "enter"
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Command of the operator: its name, and a text for "enter" (an outcome) and notes."""
+
+    name: str
+    value: str = ""
+    note: str = ""
+
+
+COMMANDS = ("arm", "disarm", "start", "force", "end", "enter", "undo", "again", "release")
+"""Commands of pages and keys: switch on and off; start the trial if the scene agrees with the twin, or anyway; the
+trial is over; what happened; undo the last entry; discard the trial that ended and run it again; torque off."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionView:
+    """What a page shows; it names neither policy nor condition.
+
+    Attributes:
+        code: Code of the current trial, or an empty text at the end.
+        number: Its number in the plan, from 1.
+        steps: What to put where.
+        message: Last message to the operator.
+        agreement: Last measurement of the scene, or None.
+        elapsed_s: Duration of the running trial so far [s].
+    """
+
+    stage: Stage
+    code: str
+    number: int
+    done: int
+    planned: int
+    instruction: str
+    cloth: str
+    steps: tuple[SetupStep, ...]
+    armed: bool
+    why_off: str
+    message: str
+    agreement: Agreement | None
+    elapsed_s: float
+    time_limit_s: float
+    can_undo: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """Trial, stage, steps and twin's picture, replaced together: a page must not see those of two trials."""
+
+    trial: PlannedTrial | None = None
+    stage: Stage = Stage.SETUP
+    steps: tuple[SetupStep, ...] = ()
+    view: TwinView | None = None
+
+
+class RealSession:
+    """Session on the folder of a protocol. As a context manager, it closes itself.
+
+    Raises:
+        RunConflictError: If another process runs the protocol.
+        RecordError: If the folder is damaged.
+        InvalidInputError: If a policy cannot run on an arm.
+        RobotError: If the robot cannot be reached.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        robot: Robot,
+        *,
+        person: str,
+        limits: SafetyLimits | None = None,
+        apart: bool = True,
+        size: tuple[int, int] = (320, 240),
+        say: Callable[[str], None] = logger.info,
+    ) -> None:
+        """Open the folder and connect the robot.
+
+        Args:
+            folder: Folder with a plan.
+            robot: Robot, not connected.
+            person: Name of the operator in the entries.
+            limits: Safety limits; by default those of the SO-101.
+            apart: Whether a user's policy runs in a process of its own.
+            size: Width and height of the twin's pictures [pixel].
+            say: Called with each message to the operator.
+        """
+        self.folder, self.person, self.controls = folder, person, Controls()
+        self._say, self._robot = say, robot
+        self._journal = RealJournal(folder)
+        try:
+            self.plan = self._journal.plan
+            cut = self._journal.settle()
+            self._policies = RealPolicies(self.plan, robot.cameras, apart=apart)
+            robot.connect()
+        except BaseException:
+            self._journal.close()
+            raise
+        self._arm = SafeArm(robot, Limiter(limits or SafetyLimits(), self.plan.action_space, rate_hz=self.plan.rate_hz))
+        self._twin = Twin(self.plan, size=size)
+        self._commands: queue.Queue[tuple[int, Command]] = queue.Queue(MOST_WAITING)
+        self._halts = 0
+        self._shown = _Shown()
+        self._entered: list[str] = []
+        self._message = ""
+        self._agreement: Agreement | None = None
+        self._begun_s = self._measured_s = 0.0
+        self.reading: Reading | None = None
+        """Newest reading, for pages."""
+        self.counted = 0
+        """Number of trials that ended in this session."""
+        if cut:
+            self._tell(f"The program ended during {', '.join(cut)}: it comes again.")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the arm, close everything and release the folder."""
+        self._arm.stop("the session ended")
+        self._policies.close()
+        self._robot.disconnect()
+        self._twin.close()
+        self._journal.close()
+
+    # ------------------------------------------------------------------------------------------- from any thread
+
+    def put(self, command: Command) -> None:
+        """Queue a command; raise InvalidInputError for an unknown one.
+
+        Switching the arm off acts at once. While a trial runs, all commands except that and "end" are ignored.
+        """
+        if command.name not in COMMANDS:
+            raise InvalidInputError("command", f"{command.name!r} is unknown", f"Use one of {', '.join(COMMANDS)}")
+        if command.name == "disarm":
+            self.halt("the operator switched it off")
+            return
+        if self._shown.stage is Stage.RUNNING:
+            if command.name == "end":
+                self.controls.end.set()
+            return  # a switch-on that waits would act after the trial
+        try:
+            self._commands.put_nowait((self._halts, command))
+        except queue.Full:
+            logger.warning("too many commands wait; %s is ignored", command.name)
+
+    def halt(self, why: str = "the operator stopped it") -> None:
+        """Stop the arm now. A running attempt is aborted, and commands that wait are dropped."""
+        self._halts += 1
+        self.controls.why = why
+        self.controls.stop.set()
+        self._arm.stop(why)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the robot's cameras."""
+        return self._robot.cameras
+
+    @property
+    def twin_view(self) -> TwinView | None:
+        """The twin's picture of the current trial."""
+        return self._shown.view
+
+    @property
+    def view(self) -> SessionView:
+        """What a page shows."""
+        trial, stage = self._shown.trial, self._shown.stage
+        states = [self._journal.state(t.code).state for t in self.plan.trials]
+        return SessionView(
+            stage=stage,
+            code="" if trial is None else trial.code,
+            number=0 if trial is None else self.plan.trials.index(trial) + 1,
+            done=states.count("done"),
+            planned=len(states),
+            instruction="" if trial is None else self.plan.instruction(trial.condition),
+            cloth="" if trial is None else self._twin.cloth(trial),
+            steps=self._shown.steps,
+            armed=self._arm.is_armed,
+            why_off=self._arm.why_off,
+            message=self._message,
+            agreement=self._agreement,
+            elapsed_s=time.monotonic() - self._begun_s if stage is Stage.RUNNING else 0.0,
+            time_limit_s=self.plan.time_limit_s,
+            can_undo=stage is Stage.SETUP and bool(self._entered),
+        )
+
+    # ----------------------------------------------------------------------------------------- the session's thread
+
+    def run(self, stopped: threading.Event) -> None:
+        """Work until the event is set or every trial is done and entered.
+
+        Raises:
+            StorageError: If the disk is full.
+        """
+        watcher = threading.Thread(target=self._halt_with, args=(stopped,), daemon=True)
+        watcher.start()
+        self.begin()
+        while not stopped.is_set() and self._shown.stage is not Stage.DONE:
+            try:
+                halts, command = self._commands.get(timeout=LOOK_S)
+            except queue.Empty:
+                self._look()
+                continue
+            if halts == self._halts:
+                self.obey(command)
+        self._arm.stop("the session ended")
+
+    def _halt_with(self, stopped: threading.Event) -> None:
+        stopped.wait()
+        self.halt("the program was stopped")
+
+    def _tell(self, message: str) -> None:
+        self._message = message
+        self._say(message)
+
+    def begin(self) -> None:
+        """Go to the next trial: one that waits for an entry, or the next of the plan."""
+        waiting = next((t for t in read_run(self.folder).trials if not t.seen_by("operator")), None)
+        if waiting is not None:
+            self._show(waiting.planned, Stage.ENTER)
+            return
+        following = self._journal.next_trial
+        if following is None:
+            self._shown = _Shown(stage=Stage.DONE)
+            self._tell("Every trial is done.")
+            return
+        self._show(following, Stage.SETUP)
+
+    def _show(self, trial: PlannedTrial, stage: Stage) -> None:
+        steps, view = self._twin.steps(trial), self._twin.view(trial)
+        if stage is Stage.SETUP:
+            self._robot.set_up(trial)
+        self._agreement = self.reading = None  # of the scene before
+        self._shown = _Shown(trial, stage, steps, view)
+
+    def _look(self) -> None:
+        """Read the robot, and measure the scene from time to time."""
+        if self._shown.stage is Stage.DONE:
+            return
+        try:
+            self.reading = self._arm.read()
+        except RobotError as problem:
+            if self._message != str(problem):
+                self._tell(str(problem))
+            return
+        if self._shown.stage is Stage.SETUP and time.monotonic() - self._measured_s > MEASURE_S:
+            self._agreement = self._measured(self.reading)
+            self._measured_s = time.monotonic()
+
+    def _measured(self, reading: Reading) -> Agreement | None:
+        """Return the agreement of the front camera with the twin; None without a front camera."""
+        frame = reading.frames.get(FRONT)
+        if frame is None or self._shown.view is None:
+            return None
+        return measure_agreement(frame.image, self._shown.view)
+
+    def obey(self, command: Command) -> None:
+        """Obey a command in this thread, and tell the operator what is wrong.
+
+        Raises:
+            StorageError: If the disk is full.
+        """
+        try:
+            self._obey(command)
+        except StorageError:
+            raise
+        except BetterError as problem:
+            self._tell(str(problem))
+
+    def _obey(self, command: Command) -> None:
+        match command.name, self._shown.stage:
+            case "arm", _:
+                self.controls.stop.clear()
+                self._arm.arm()
+            case "disarm", _:
+                self._arm.stop("the operator switched it off")
+            case "release", Stage.SETUP | Stage.ENTER:
+                self._arm.release()
+            case (("start" | "force"), Stage.SETUP):
+                self._start(forced=command.name == "force")
+            case "enter", Stage.ENTER:
+                self._enter(command.value, command.note)
+            case "undo", Stage.SETUP:
+                self._undo()
+            case "again", Stage.ENTER:
+                self._again(command.note)
+            case _:
+                self._tell(f"{command.name!r} does nothing in this stage.")
+
+    def _start(self, *, forced: bool) -> None:
+        trial = self._shown.trial
+        if trial is None:
+            return
+        if not self._arm.is_armed:
+            self._tell(f"The arm does not move: {self._arm.why_off}. Turn its switch on.")
+            return
+        self._agreement = self._measured(self._arm.read())
+        if not forced and (self._agreement is None or not self._agreement.accepted):
+            told = "It was not measured." if self._agreement is None else " ".join(self._agreement.sentences)
+            self._tell(f"The scene does not match the twin. {told} Correct it, or start anyway.")
+            return
+        policy = self._policies.get(trial.policy)
+        self.controls.end.clear()
+        self.controls.show = self._keep
+        folder = self._journal.begin(trial.code)
+        self._begun_s = time.monotonic()
+        self._shown = replace(self._shown, stage=Stage.RUNNING)
+        self._message = ""
+        try:
+            made = TrialRun(
+                self._arm,
+                policy,
+                self.plan,
+                trial,
+                attempt=self._journal.state(trial.code).attempt,
+                controls=self.controls,
+                agreement=None if self._agreement is None else self._agreement.score,
+                overridden=forced and not (self._agreement is not None and self._agreement.accepted),
+            )
+            header = made.run(folder)
+        except TrialAbortedError as problem:
+            self._journal.abort(trial.code, str(problem))
+            self._show(trial, Stage.SETUP)
+            self._tell(f"{trial.code} does not count and comes again: {problem}")
+            return
+        self._journal.end(trial.code, header.ending or "time_limit")
+        self.counted += 1
+        self._shown = replace(self._shown, stage=Stage.ENTER)
+        self._tell(f"{trial.code} is over. Enter what happened.")
+
+    def _keep(self, reading: Reading) -> None:
+        self.reading = reading
+
+    def _enter(self, outcome: str, note: str) -> None:
+        trial = self._shown.trial
+        if trial is None:
+            return
+        attempt = self._journal.state(trial.code).attempt
+        enter(self.folder, trial.code, attempt, author=self.person, role="operator", outcome=outcome, note=note)
+        if not outcome_named(outcome).scored:
+            self._journal.repeat(trial.code, note.strip() or "the operator entered that it is not valid", self.person)
+            self._tell(f"{trial.code} is not valid and comes again.")
+        else:
+            self._entered.append(trial.code)
+            self._tell(f"{trial.code}: {outcome_named(outcome).title}.")
+        self.begin()
+
+    def _undo(self) -> None:
+        """Take the last entry of this session back, and ask for it again."""
+        if not self._entered:
+            self._tell("There is no entry of this session to undo.")
+            return
+        code = self._entered.pop()
+        attempt = self._journal.state(code).attempt
+        enter(self.folder, code, attempt, author=self.person, role="operator", outcome=None)
+        self._tell(f"The entry on {code} was taken back.")
+        self.begin()
+
+    def _again(self, note: str) -> None:
+        """Discard the trial that ended; it comes again."""
+        if self._shown.trial is not None:
+            code = self._shown.trial.code
+            self._journal.repeat(code, note, self.person)
+            self._tell(f"{code} comes again.")
+            self.begin()

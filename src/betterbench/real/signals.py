@@ -1,0 +1,477 @@
+"""Signals of a trial from joint states alone: freeze, motion back and forth, closings of the jaw, repeated approaches.
+
+A real arm has no contacts and no object poses in its records. Rest and motion are judged from the path of the tool,
+which forward kinematics of the twin give, with the rules of the simulated diagnosis (``diagnosis.analysis.paths``). A
+jaw that stops short of its command, or that has a load, holds an object. Every number is in ``diagnosis.thresholds``.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from betterbench.diagnosis.analysis.paths import (
+    path_length,
+    runs_of,
+    stays_in_place,
+    steps_in,
+    still_rows,
+    to_and_fro_from,
+)
+from betterbench.diagnosis.thresholds import (
+    COME_TO_REST,
+    FLICKER_TIME,
+    HALT_RADIUS,
+    JAW_FULLY_SHUT,
+    JAW_GAP,
+    JAW_LOAD,
+    JAW_MOVES,
+    JAW_RESTS,
+    JAW_SHUT,
+    RETURNS,
+    RISEN_AGAIN,
+    SEARCH_STEP,
+    TREMBLE_TIME,
+)
+from betterbench.errors import InvalidInputError
+from betterbench.real.plan import ACTION_SPACES, Unit
+from betterbench.real.record import MOTORS, Samples
+from betterbench.sim.robots.ik import ArmIK
+from betterbench.sim.robots.spec import robot
+from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.judging.motion import Bools, Floats
+
+ROBOT = "so101"
+JAW = MOTORS.index("gripper")
+
+
+class Grip(StrEnum):
+    """Result of a closing of the jaw.
+
+    ``OBJECT``: the jaw stopped short of its command, or has a load. ``NOTHING``: no object fits between the jaws.
+    ``PRESET``: the jaw reached its command at an opening into which an object fits, without a load. ``UNKNOWN``: the
+    trial ended, or the jaw opened, before it had stopped.
+    """
+
+    OBJECT = "object"
+    NOTHING = "nothing"
+    PRESET = "preset"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """A closing of the jaw.
+
+    Attributes:
+        start_s: Time at which the jaw begins to close [s].
+        end_s: Time at which it has stopped.
+        opening: Opening at which it stopped, 0 closed to 100 open.
+        grip: Result.
+        x: Position of the tool when the jaw stopped [m], frame of the base.
+        y: As ``x``.
+        z: As ``x``.
+        let_go_s: Time at which the jaw opens again, None if it stays closed.
+        lost_s: Time at which a held object slipped out of the closed jaw, or None.
+        lifted_m: Largest rise of the tool while the jaw is closed [m].
+        carried_m: Horizontal distance from the closing to the opening, or to the last row [m].
+        release_x: Position of the tool at ``let_go_s``, or at the last row.
+        release_y: As ``release_x``.
+    """
+
+    start_s: float
+    end_s: float
+    opening: float
+    grip: Grip
+    x: float
+    y: float
+    z: float
+    let_go_s: float | None
+    lost_s: float | None
+    lifted_m: float
+    carried_m: float
+    release_x: float
+    release_y: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the jaw closed on an object."""
+        return self.grip is Grip.OBJECT
+
+    @property
+    def low(self) -> bool:
+        """Whether the tool was low enough to reach an object."""
+        return self.z <= THRESHOLDS.attempt_height
+
+    @property
+    def is_attempt(self) -> bool:
+        """Whether the closing is a grasp: on an object or on nothing, low enough to reach one."""
+        return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
+
+    @property
+    def over_s(self) -> float:
+        """Time at which the closing was over: opened again, lost, or stopped."""
+        return self.end_s if self.let_go_s is None and self.lost_s is None else (self.lost_s or self.let_go_s or 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Times at which a behavior begins and ends [s]."""
+
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """Repeated descents of an empty gripper at one place.
+
+    Attributes:
+        count: Number of descents, each of which was given up.
+        x: Mean place [m], frame of the base.
+        y: As ``x``.
+    """
+
+    count: int
+    start_s: float
+    end_s: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class JointSignals:
+    """Signals of one trial.
+
+    Attributes:
+        duration_s: Duration of the trial [s].
+        reach_m: Largest distance of the tool from its start [m].
+        path_m: Length of the tool's path, without the flicker of the encoders [m].
+        freeze: Rest until the end of the trial, if it is long enough for a halt, or None.
+        to_and_fro: Motion of the empty gripper back and forth until the end, or None.
+        closings: Closings of the jaw in order of time.
+        repeated: Repeated approaches to one place without holding an object, or None.
+        load_known: Whether the load of the gripper's motor was reported.
+        path: Tool positions of the resampled trial, (T, 3) [m], for tables and plots.
+    """
+
+    duration_s: float
+    reach_m: float
+    path_m: float
+    freeze: Span | None
+    to_and_fro: Span | None
+    closings: tuple[Closing, ...]
+    repeated: Approach | None
+    load_known: bool
+    path: Floats
+
+    @property
+    def moved(self) -> bool:
+        """Whether the arm left its start, or the jaw closed."""
+        return self.reach_m > HALT_RADIUS or bool(self.closings)
+
+    @property
+    def attempts(self) -> tuple[Closing, ...]:
+        """Closings that are grasps."""
+        return tuple(closing for closing in self.closings if closing.is_attempt)
+
+    @property
+    def grasps(self) -> tuple[Closing, ...]:
+        """Closings on an object."""
+        return tuple(closing for closing in self.attempts if closing.holds)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the tool is at rest at the end of the trial, for the time that a finished policy must keep still."""
+        return self.freeze is not None and self.freeze.end_s - self.freeze.start_s >= THRESHOLDS.settle_time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTrack:
+    """Joint states at an even rate.
+
+    Attributes:
+        rate_hz: Rate of the rows [Hz].
+        arm: (T, 5) joint angles [rad].
+        opening: (T,) opening of the jaw, 0 closed to 100 open.
+        asked: (T,) commanded opening.
+        load: (T,) size of the load of the gripper's motor as a fraction of its maximum; NaN where it is not known.
+    """
+
+    rate_hz: float
+    arm: Floats
+    opening: Floats
+    asked: Floats
+    load: Floats
+
+    @classmethod
+    def of(cls, samples: Samples, *, unit: Unit, rate_hz: float) -> JointTrack:
+        """Return the states of a trial, resampled evenly: control steps may be late.
+
+        Raises:
+            InvalidInputError: If there are fewer than two rows.
+        """
+        if len(samples) < 2:
+            problem = f"has {len(samples)} rows, and signals need two"
+            raise InvalidInputError("samples", problem, "Repeat the trial")
+        rows = round(float(samples.time_s[-1] - samples.time_s[0]) * rate_hz) + 1
+        at = samples.time_s[0] + np.arange(max(2, rows)) / rate_hz
+        scale = np.array(ACTION_SPACES[unit].scale[:JAW])
+        arm = _resampled(at, samples.time_s, samples.state[:, :JAW] * scale)
+        jaw = _resampled(at, samples.time_s, np.stack((samples.state[:, JAW], samples.command[:, JAW]), axis=1))
+        load = _resampled(at, samples.time_s, np.abs(samples.load[:, JAW : JAW + 1]))
+        return cls(rate_hz, arm, jaw[:, 0], jaw[:, 1], load[:, 0])
+
+    @property
+    def time(self) -> Floats:
+        """(T,) time of the rows [s]."""
+        times: Floats = np.arange(len(self.opening)) / self.rate_hz
+        return times
+
+    def steps(self, seconds: float) -> int:
+        """Return the number of rows in a time, at least one."""
+        return steps_in(seconds, self.rate_hz)
+
+
+def _resampled(at: Floats, time: Floats, values: Floats) -> Floats:
+    """Return values (T, n) at other times, by linear interpolation; next to an unknown value, it is unknown."""
+    made: Floats = np.stack([np.interp(at, time, column) for column in values.T], axis=1)
+    return made
+
+
+@functools.cache
+def _kinematics() -> Callable[[Sequence[float]], tuple[float, float, float]]:
+    """Return the forward kinematics of the twin: tool position [m] in the frame of the base, of five angles [rad]."""
+    solver = ArmIK(robot(ROBOT))
+
+    def place(angles: Sequence[float]) -> tuple[float, float, float]:
+        x, y, z = solver.forward(angles).position
+        return x, y, z
+
+    return place
+
+
+def tool_path(arm: Floats) -> Floats:
+    """Return tool positions (T, 3) [m], frame of the base, of joint angles (T, 5) [rad]."""
+    place = _kinematics()
+    return np.array([place(angles) for angles in arm.tolist()]).reshape(-1, 3)
+
+
+def signals_of(track: JointTrack) -> JointSignals:
+    """Return the signals of a trial."""
+    tool = _steady(tool_path(track.arm), track)
+    closings = _closings(track, tool)
+    freeze = _freeze(track, tool, closings)
+    last = max((track.steps(c.over_s) for c in closings if c.is_attempt), default=0)
+    repeated = _repeated(track, tool, closings)
+    thinned = tool[:: track.steps(THRESHOLDS.stillness_window)]
+    return JointSignals(
+        duration_s=float(track.time[-1]),
+        reach_m=float(np.linalg.norm(tool - tool[0], axis=1).max()),
+        path_m=float(path_length(thinned)[-1]),
+        freeze=freeze,
+        to_and_fro=None if freeze is not None else _to_and_fro(track, tool, last),
+        closings=closings,
+        repeated=repeated,
+        load_known=bool(np.isfinite(track.load).any()),
+        path=tool,
+    )
+
+
+def _steady(tool: Floats, track: JointTrack) -> Floats:
+    """Return the path averaged over ``stillness_window``, which removes the flicker of the encoders."""
+    half = track.steps(THRESHOLDS.stillness_window) // 2
+    if not half or len(tool) <= 2 * half:
+        return tool
+    padded = np.pad(tool, ((half, half), (0, 0)), mode="edge")
+    sums = np.cumsum(np.concatenate((np.zeros((1, 3)), padded)), axis=0)
+    window = 2 * half + 1
+    steady: Floats = (sums[window:] - sums[:-window]) / window
+    return steady
+
+
+def _span(track: JointTrack, first: int, last: int) -> Span:
+    return Span(round(float(track.time[first]), 3), round(float(track.time[last]), 3))
+
+
+# ------------------------------------------------------------------------------------------------------- rest, motion
+
+
+def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Span | None:
+    """Return the rest until the end: still for ``halt_time``, or trembling in place for ``tremble_time``.
+
+    A jaw that closes or opens has not halted.
+    """
+    still = still_rows(tool, track.rate_hz)
+    busy = max((track.steps(c.let_go_s or c.end_s) + track.steps(THRESHOLDS.stop_time) for c in closings), default=0)
+    busy = min(busy, len(tool) - 1)
+    for start, stop in runs_of(still):
+        rows = range(max(start, busy), stop - track.steps(THRESHOLDS.halt_time) + 1, track.steps(SEARCH_STEP))
+        for row in rows:
+            if stays_in_place(tool, track.time, row, within=HALT_RADIUS if row == rows[0] else COME_TO_REST):
+                return _span(track, row, len(tool) - 1)
+    for row in range(busy, len(tool) - track.steps(TREMBLE_TIME), track.steps(SEARCH_STEP)):
+        if stays_in_place(tool, track.time, row):
+            return _span(track, row, len(tool) - 1)
+    return None
+
+
+def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
+    """Return the motion of the empty gripper back and forth until the end."""
+    if len(tool) - first < track.steps(THRESHOLDS.halt_time):
+        return None
+    # One position per window, because the flicker of the encoders adds up to a path.
+    every = track.steps(THRESHOLDS.stillness_window)
+    begins = to_and_fro_from(tool[first::every], track.rate_hz / every)
+    return None if begins is None else _span(track, first + begins * every, len(tool) - 1)
+
+
+def _repeated(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Approach | None:
+    """Return the largest group of at least ``returns`` descents at one place that held no object."""
+    free = np.ones(len(tool), dtype=np.bool_)
+    for closing in closings:
+        if closing.holds:
+            end = track.steps(closing.over_s) if closing.over_s > closing.end_s else len(tool)
+            free[track.steps(closing.start_s) : end + 1] = False
+    lows = [row for row in _descents(tool[:, 2]) if free[row] and tool[row, 2] <= THRESHOLDS.attempt_height]
+    best: list[int] = []
+    for row in lows:
+        near = [r for r in lows if np.linalg.norm(tool[r, :2] - tool[row, :2]) <= THRESHOLDS.slot_reach]
+        best = max(best, near, key=len)
+    if len(best) < RETURNS:
+        return None
+    x, y = tool[best, :2].mean(axis=0).tolist()
+    return Approach(len(best), *_ends(_span(track, best[0], best[-1])), x, y)
+
+
+def _ends(span: Span) -> tuple[float, float]:
+    return span.start_s, span.end_s
+
+
+def _descents(height: Floats) -> list[int]:
+    """Return the lowest row of each descent by ``risen_again`` after which the tool rises as much again."""
+    found: list[int] = []
+    top, low, falling = float(height[0]), 0, False
+    for row, z in enumerate(height.tolist()):
+        if not falling:
+            top = max(top, z)
+            if z <= top - RISEN_AGAIN:
+                falling, low = True, row
+        elif z < height[low]:
+            low = row
+        elif z >= height[low] + RISEN_AGAIN:
+            found.append(low)
+            falling, top = False, z
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------------ closings
+
+
+def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
+    """Return the closings: falls of the opening by ``jaw_moves`` after which the jaw stops."""
+    found = []
+    opening = track.opening
+    for start, end in _falls(track):
+        grip = _grip(track, end)
+        opens = _opens_after(opening, end)
+        lost = _lost(track, end, opens) if grip is Grip.OBJECT else None
+        last = min(opens if opens is not None else len(opening) - 1, lost if lost is not None else len(opening) - 1)
+        x, y, z = tool[end].tolist()
+        there = tool[last]
+        found.append(
+            Closing(
+                start_s=round(float(track.time[start]), 3),
+                end_s=round(float(track.time[end]), 3),
+                opening=round(float(opening[end]), 2),
+                grip=grip,
+                x=x,
+                y=y,
+                z=z,
+                let_go_s=None if opens is None else round(float(track.time[opens]), 3),
+                lost_s=None if lost is None else round(float(track.time[lost]), 3),
+                lifted_m=float(tool[end : last + 1, 2].max() - z),
+                carried_m=float(np.linalg.norm(there[:2] - tool[end, :2])),
+                release_x=float(there[0]),
+                release_y=float(there[1]),
+            )
+        )
+    return tuple(found)
+
+
+def _falls(track: JointTrack) -> list[tuple[int, int]]:
+    """Return the first row of each closing, and the row at which the jaw has stopped.
+
+    A jaw that pauses and closes on belongs to one closing if the pause is shorter than ``chatter_time``.
+    """
+    opening = track.opening
+    pause, found = track.steps(THRESHOLDS.chatter_time), list[tuple[int, int]]()
+    top = 0
+    row = 0
+    while row < len(opening):
+        if opening[row] >= opening[top]:
+            top = row
+        elif opening[row] <= opening[top] - JAW_MOVES:
+            end = _stops(track, row)
+            if found and top - found[-1][1] <= pause and opening[found[-1][0]] >= opening[top]:
+                found[-1] = (found[-1][0], end)
+            else:
+                found.append((_begins(opening, top, row), end))
+            row = top = end
+        row += 1
+    return found
+
+
+def _begins(opening: Floats, top: int, row: int) -> int:
+    """Return the last row before a fall at which the jaw was still within its backlash of the top."""
+    fallen = np.flatnonzero(opening[top : row + 1] >= opening[top] - JAW_RESTS)
+    return top + int(fallen[-1])
+
+
+def _stops(track: JointTrack, row: int) -> int:
+    """Return the first row from which the opening falls no further within ``stop_time``."""
+    opening, window = track.opening, track.steps(THRESHOLDS.stop_time)
+    for end in range(row, len(opening)):
+        after = opening[end : end + window + 1]
+        if opening[end] - after.min() <= JAW_RESTS:
+            return end
+    return len(opening) - 1
+
+
+def _grip(track: JointTrack, end: int) -> Grip:
+    """Return what the jaw closed on, from the opening, the command and the load while it stays closed."""
+    opens = _opens_after(track.opening, end)
+    stop = min(len(track.opening), end + track.steps(THRESHOLDS.stop_time) + 1, *(() if opens is None else (opens,)))
+    rows = slice(end, max(stop, end + 1))
+    opening = float(np.median(track.opening[rows]))
+    if opening <= JAW_FULLY_SHUT:
+        return Grip.NOTHING
+    if rows.stop - rows.start < track.steps(FLICKER_TIME):
+        return Grip.UNKNOWN
+    load = track.load[rows]
+    if np.isfinite(load).any():
+        presses = bool(np.nanmedian(load) >= JAW_LOAD)
+    else:
+        presses = opening - float(np.median(track.asked[rows])) >= JAW_GAP
+    if presses:
+        return Grip.OBJECT
+    return Grip.NOTHING if opening <= JAW_SHUT else Grip.PRESET
+
+
+def _opens_after(opening: Floats, row: int) -> int | None:
+    """Return the first row after another at which the jaw has opened by ``jaw_moves`` from its narrowest, or None."""
+    low = np.minimum.accumulate(opening[row:])
+    wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)
+    return row + int(wider[0]) if wider.size else None
+
+
+def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
+    """Return the row at which a jaw that held an object falls shut, or None."""
+    stop = len(track.opening) if opens is None else opens
+    shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
+    lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]
+    return end + lasting[0] if lasting else None

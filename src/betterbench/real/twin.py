@@ -1,0 +1,139 @@
+"""The twin of a trial's scene: what stands where, and the front camera's picture of it, for the operator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.interface.observation import CameraSpec, ObservationSpec
+from betterbench.real.plan import PlannedTrial, RealPlan
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.cameras import camera_matrices
+from betterbench.sim.scenes.rendering import Renderers
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.tasks.interventions.resolve import resolve_condition
+
+FRONT = "front"
+
+
+@dataclass(frozen=True, slots=True)
+class SetupStep:
+    """What the operator does with an object.
+
+    Attributes:
+        name: Name of the object.
+        title: Its title ("red block").
+        place: "table", the name of the container that holds it, or "absent".
+        position_m: Point of the table below its center, in the arm's base frame: x ahead, y left; None if absent.
+        text: Sentence for the operator.
+    """
+
+    name: str
+    title: str
+    place: str
+    position_m: tuple[float, float] | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TwinView:
+    """Picture of the twin's front camera.
+
+    Attributes:
+        image: (height, width, 3) uint8 RGB.
+        masks: (height, width) bool of the visible part of each object, by name.
+        pixels_per_m: (2, 2) motion in the image [pixel] per meter along x and y of the table, by name.
+        cloth: Color of the tablecloth, or an empty text without one.
+    """
+
+    image: np.ndarray
+    masks: dict[str, np.ndarray]
+    pixels_per_m: dict[str, np.ndarray]
+    cloth: str = ""
+
+
+class Twin:
+    """Maker of the twin's scenes and pictures; it belongs to the thread that renders."""
+
+    def __init__(self, plan: RealPlan, *, size: tuple[int, int], quality: str = "standard") -> None:
+        """Prepare for pictures of a size (width, height) [pixel]."""
+        self._plan, self.size, self._quality = plan, size, quality_preset(quality)
+        self._renderers = Renderers(1)
+        self._key: tuple[str, int] | None = None
+        self._scene: Scene | None = None
+        self._view: TwinView | None = None
+
+    def scene(self, trial: PlannedTrial) -> Scene:
+        """Return the scene of a trial at its start."""
+        key = (trial.condition, trial.scene_seed)
+        if self._scene is None or self._key != key:
+            setting = resolve_condition(self._plan.task, trial.condition)
+            self._scene = Scene(
+                setting.task,
+                setting.condition,
+                seed=trial.scene_seed,
+                action_space=self._plan.action_space,
+                quality=self._quality,
+                steady_views=True,
+            )
+            self._key, self._view = key, None
+        return self._scene
+
+    def cloth(self, trial: PlannedTrial) -> str:
+        """Return the color of the tablecloth, or an empty text without one."""
+        return resolve_condition(self._plan.task, trial.condition).condition.cloth or ""
+
+    def steps(self, trial: PlannedTrial) -> tuple[SetupStep, ...]:
+        """Return what to do with each object of the task, absent ones last."""
+        scene = self.scene(trial)
+        condition, state = scene.condition, scene.reset(check_premise=False)
+        known = {o.name: o for c in scene.task.training for o in c.objects}
+        known |= {o.name: o for o in condition.objects}
+        found, absent = [], []
+        for name, spec in known.items():
+            title = spec.kind
+            if name not in {o.name for o in condition.objects}:
+                absent.append(SetupStep(name, title, "absent", None, f"{title}: take it away"))
+                continue
+            x, y, _ = state.positions[scene.info.index(name)]
+            at = (round(float(x), 3), round(float(y), 3))
+            if name in condition.preplaced:
+                container = condition.preplaced[name].target
+                text = f"{title}: into the {known[container].kind}"
+                found.append(SetupStep(name, title, container, at, text))
+            else:
+                side = f"{100 * abs(y):.1f} cm to the arm's {'left' if y >= 0.0 else 'right'}"
+                text = f"{title}: {100 * x:.1f} cm ahead of the base, {side}"
+                found.append(SetupStep(name, title, "table", at, text))
+        return (*found, *absent)
+
+    def view(self, trial: PlannedTrial) -> TwinView:
+        """Return the picture of a trial's start."""
+        scene = self.scene(trial)
+        if self._view is None:
+            scene.reset(check_premise=False)
+            looks = ObservationSpec("twin", (CameraSpec(FRONT, *self.size),), masks=True)
+            images = scene.views(looks, self._renderers)[FRONT]
+            if images.rgb is None or images.masks is None:
+                raise AssertionError("both were requested")
+            names = [placement.spec.name for placement in scene.placements]
+            masks = {n: images.masks == b for n, b in zip(names, scene.compiled.bodies.tolist(), strict=True)}
+            self._view = TwinView(images.rgb, masks, self._motions(scene), self.cloth(trial))
+        return self._view
+
+    def _motions(self, scene: Scene) -> dict[str, np.ndarray]:
+        """Return the motion in the image per meter along the table, for each object."""
+        camera = camera_matrices(scene.model, scene.data, FRONT, width=self.size[0], height=self.size[1])
+        state = scene.state()
+        found = {}
+        for placement in scene.placements:
+            point = np.array(state.positions[scene.info.index(placement.spec.name)])
+            near = point + 0.01 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+            pixels, _ = camera.project(near)
+            found[placement.spec.name] = ((pixels[1:] - pixels[0]) / 0.01).T
+        return found
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderers.close()

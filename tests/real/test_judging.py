@@ -1,0 +1,149 @@
+"""The judge's queue and page: blind, in an order of the judge's own, resumable, with undo."""
+
+import http.client
+import json
+import urllib.parse
+
+import pytest
+from tests.real.protocols import POLICIES, judge, protocol
+
+from betterbench.errors import InvalidInputError
+from betterbench.real.judge_page import JudgePage
+from betterbench.real.judging import JudgeDesk
+from betterbench.real.outcomes import OUTCOMES
+from betterbench.real.plan import RealPolicy, make_plan, write_plan
+from betterbench.real.record import enter, read_run
+
+
+@pytest.fixture
+def folder(tmp_path):
+    protocol(tmp_path, conditions=("train1", "O1", "O2", "T1", "T5"))
+    judge(tmp_path, "olga", lambda _: "done", role="operator")
+    return tmp_path
+
+
+def votes(folder, person="ada"):
+    standing = [(t.code, e) for t in read_run(folder).trials for e in t.seen_by("judge") if e.author == person]
+    return {code: entry.decision.outcome for code, entry in standing}
+
+
+def test_each_judge_has_an_order_of_its_own_and_keeps_it(folder):
+    ada, again, ben = (JudgeDesk(folder, name) for name in ("ada", "ada", "ben"))
+    codes = [[t.code for t in desk.trials] for desk in (ada, again, ben)]
+    assert codes[0] == codes[1] != codes[2]
+    assert sorted(codes[0]) == sorted(codes[2]) == sorted(t.code for t in read_run(folder).trials)
+    assert codes[0] != [t.code for t in read_run(folder).trials]
+
+
+def test_entries_are_written_at_once_and_work_is_resumed(folder):
+    desk = JudgeDesk(folder, "ada")
+    for outcome in ("done", "froze", "missed"):
+        desk.choose(outcome)
+    assert desk.index == desk.done == 3
+    resumed = JudgeDesk(folder, "ada")
+    assert (resumed.index, resumed.done) == (3, 3)
+    assert list(votes(folder).values()).count("froze") == 1
+    while resumed.done < len(resumed.trials):
+        resumed.choose("done")
+    assert "that was the last film" in resumed.message
+    assert len(votes(folder)) == 10
+
+
+def test_undo_takes_back_the_last_entry_and_a_later_entry_replaces_an_earlier_one(folder):
+    desk = JudgeDesk(folder, "ada")
+    desk.undo()
+    assert desk.is_problem
+    first = desk.at_hand.code
+    desk.choose("done")
+    desk.choose("froze")
+    desk.undo()
+    assert (desk.index, desk.chosen, list(votes(folder))) == (1, None, [first])
+    desk.step(-1)
+    assert desk.chosen == "done"
+    desk.choose("part")
+    assert votes(folder) == {first: "part"}
+    resumed = JudgeDesk(folder, "ada")
+    resumed.step(-1)
+    resumed.undo()  # an entry of an earlier session, on its own film
+    assert (votes(folder), resumed.chosen) == ({first: "done"}, "done")  # what it replaced stands again
+
+
+def test_a_note_is_needed_for_something_else(folder):
+    desk = JudgeDesk(folder, "ada")
+    desk.choose("other")
+    assert desk.is_problem
+    assert desk.done == 0
+    desk.choose("other", "it waved")
+    assert list(votes(folder).values()) == ["other"]
+
+
+def test_the_operator_is_no_judge_and_an_empty_protocol_has_no_films(folder, tmp_path_factory):
+    with pytest.raises(InvalidInputError, match="'olga' is the operator of this protocol"):
+        JudgeDesk(folder, "olga")
+    empty = tmp_path_factory.mktemp("empty")
+    write_plan(empty, make_plan((RealPolicy("a", "noop"),), conditions=["O1"]))
+    with pytest.raises(InvalidInputError, match="has no trial that is done"):
+        JudgeDesk(empty, "ada")
+
+
+@pytest.fixture
+def page(folder):
+    made = JudgePage(JudgeDesk(folder, "ada"), host="127.0.0.1", port=0)
+    yield made
+    made.server.close()
+
+
+def ask(page, path="", form=None):
+    parts = urllib.parse.urlsplit(page.server.url)
+    connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=20)
+    body = None if form is None else json.dumps(form)
+    connection.request("GET" if body is None else "POST", parts.path + path, body=body)
+    answer = connection.getresponse()
+    data = answer.read()
+    connection.close()
+    return answer.status, answer.headers["Content-Type"], data
+
+
+def test_the_page_tells_nothing_but_films_instruction_and_definitions(folder, page):
+    enter(folder, JudgeDesk(folder, "ben").at_hand.code, 1, author="ben", role="judge", outcome="undid")
+    run = read_run(folder)
+    told = b"".join(ask(page, path)[2] for path in ("", "judge.js", "judge.css", "state"))
+    secrets = [p.name for p in POLICIES] + [p.address for p in POLICIES] + list(run.plan.conditions)
+    secrets += [t.code for t in run.trials] + ["olga", "ben", "stay_still", "expected"]
+    for secret in secrets:
+        assert f'"{secret}"'.encode() not in told, secret
+        assert len(secret) < 4 or secret.encode() not in told, secret
+    state = json.loads(ask(page, "state")[2])
+    assert [o["key"] for o in state["outcomes"]] == [o.key for o in OUTCOMES]
+    assert state["instruction"].startswith("Put ")
+
+
+def test_the_page_serves_the_films_of_the_judges_order(page, folder):
+    desk = JudgeDesk(folder, "ada")
+    for number in (0, 3):
+        for place, camera in enumerate(("front", "wrist")):
+            status, kind, data = ask(page, f"film/{number}/{place}")
+            assert (status, kind) == (200, "video/mp4")
+            assert data == f"{camera} of {desk.trials[number].code}".encode()
+    assert ask(page, "film/0/2")[0] == ask(page, "film/10/0")[0] == 404
+
+
+def test_keys_of_the_page_enter_undo_and_step(page, folder):
+    state = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "froze"})[2])
+    assert (state["film"], state["judged"], state["message"]) == (1, 1, "film 1: stood still; 9 films left")
+    late = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])  # a key pressed twice
+    assert (late["film"], late["judged"]) == (1, 1)
+    assert list(votes(folder).values()) == ["froze"]
+    state = json.loads(ask(page, "do", {"name": "undo", "film": 1})[2])
+    assert (state["film"], state["judged"]) == (0, 0)
+    assert json.loads(ask(page, "do", {"name": "previous", "film": 0})[2])["film"] == 9
+    assert "error" in json.loads(ask(page, "do", {"name": "enter", "film": 9, "value": "perfect"})[2])
+    assert "error" in json.loads(ask(page, "do", {"name": "steal", "film": 9})[2])
+
+
+def test_two_judges_work_at_the_same_time(folder):
+    ada, ben = JudgeDesk(folder, "ada"), JudgeDesk(folder, "ben")
+    for _ in range(3):
+        ada.choose("done")
+        ben.choose("froze")
+    assert len(votes(folder)) == len(votes(folder, "ben")) == 3

@@ -1,0 +1,193 @@
+"""Results of a protocol: both matrices, numbers that add up, agreement of people, the order, and the twin beside it."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from tests.real.protocols import POLICIES, header_of, judge, packs, protocol, still
+
+from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.real.record import RealJournal
+from betterbench.real.report_page import write_real_page
+from betterbench.real.results import compare_matrices, results_of
+from betterbench.tasks.authoring.condition_matrix import State
+
+CELLS = (
+    *("train1", "O1", "O2", "T1", "T2", "T3", "O3", "O4", "O5"),
+    *("train3", "T4", "O6", "T5", "T6", "T7", "O7", "O8", "O9"),
+)
+
+
+def mixed(planned):
+    """The first policy packs what is due; the second one freezes wherever the scene looks half done."""
+    due = planned.condition in ("train1", "O1", "O2", "T4", "O6", "O7", "T5", "train3")
+    return packs() if due and not (planned.policy == "second policy" and planned.condition == "T5") else still()
+
+
+def truth(planned):
+    if planned.condition in ("O3", "O4", "O5", "O9") or (planned.policy, planned.condition) == ("second policy", "T5"):
+        return "froze"
+    return "done"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("protocol") / "bench"
+    folder.mkdir()
+    protocol(folder, conditions=CELLS, moves=mixed, late_frames=3)
+    judge(folder, "ada", truth)
+    judge(folder, "ben", lambda p: "missed" if p.condition == "O7" else truth(p))
+    judge(folder, "olga", lambda p: None if p.block else "done", role="operator")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(whole):
+    return results_of(whole)
+
+
+def test_both_matrices_are_those_of_the_report(results):
+    first, second = results.policies
+    short, long = first.matrices
+    assert [short.cell(State.TABLE, column).success.k for column in State] == [1, 1, 1]
+    assert short.cell(State.ABSENT, State.TABLE).ambiguous
+    assert long.cell(State.TARGET, State.TABLE).success.k == 1
+    frozen = second.matrices[1].cell(State.TARGET, State.TABLE)
+    assert (frozen.success.k, frozen.success.n) == (0, 1)
+    assert [label.value for label, _ in frozen.labels] == ["phase_conflict"]
+
+
+def test_every_planned_trial_is_counted_once(results):
+    for policy in results.policies:
+        counts = policy.counts
+        assert counts.right + counts.failed + counts.ambiguous + counts.unscored + counts.open == 18
+        # The judges disagree on O7, and an ambiguous trial is no failure.
+        assert (counts.ambiguous, counts.unscored, counts.open) == (4, 1, 0)
+    assert results.policies[0].counts.failed == 0
+    assert results.policies[1].counts.failed == 1
+    assert results.policies[0].unscored == {("long_horizon_matrix", State.ABSENT, State.TABLE): 1}
+
+
+def test_kappa_counts_the_trials_that_both_have_seen(results):
+    blind, *with_operator = results.agreements
+    assert blind.is_blind
+    assert (blind.table.n, len(blind.disagreements)) == (36, 2)
+    assert {(d.first, d.second) for d in blind.disagreements} == {("done", "missed")}
+    kappa, interval = blind.table.kappa, blind.table.interval()
+    assert 0.0 < interval.low < kappa < interval.high <= 1.0
+    assert f"in 34 of 36 trials; Cohen's kappa {kappa:.2f}" in blind.sentence
+    assert [str(a.second) for a in with_operator] == ["olga (operator)"] * 2
+
+
+def test_late_frames_and_steps_are_summed(results):
+    lateness = results.policies[0].lateness
+    assert lateness.late.k == 36
+    assert lateness.late.n == lateness.steps
+    assert lateness.frames["front"].k == 54
+    assert lateness.frames["wrist"].k == 0
+
+
+def test_the_order_is_checked_against_the_plan(results, tmp_path):
+    order = results.order
+    assert order.follows_plan
+    assert order.longest_run == order.expected_run == 2
+    assert not any(order.discarded.values())
+    assert "took turns as planned" in order.sentences[0]
+    plan = protocol(tmp_path, conditions=("train1", "T1", "T2", "T3"))
+    with RealJournal(tmp_path) as journal:  # every trial of one policy is repeated at the end
+        mine = [p for p in plan.trials if p.policy == POLICIES[0].name]
+        for planned in mine:
+            journal.repeat(planned.code, "the light was off", "olga")
+        from betterbench.real.record import write_attempt
+
+        for planned in mine:
+            samples = packs()
+            place = journal.begin(planned.code)
+            write_attempt(place, header_of(planned.code, 2, len(samples), instruction="x"), samples, {})
+            journal.end(planned.code, "time_limit")
+    bad = results_of(tmp_path).order
+    assert not bad.follows_plan
+    assert bad.longest_run == 4
+    assert bad.middle["first policy"] > 0.7
+    assert bad.discarded == {"first policy": 4, "second policy": 0}
+    assert "may look like this policy" in bad.sentences[0]
+
+
+def test_a_matrix_agrees_with_itself(results):
+    for policy in results.policies:
+        found = compare_matrices(policy.policy.name, policy.matrices, policy.matrices)
+        assert found.same_side.k == found.same_side.n > 10
+        assert all(c.difference is None or c.difference.value == 0.0 for c in found.cells if c.comparable)
+        assert found.same_label.k == found.same_label.n
+        assert not any(cell.differs for cell in found.cells)
+
+
+def test_a_cell_that_the_twin_gets_wrong_is_named_with_its_interval(results):
+    first, second = (policy.matrices for policy in results.policies)
+    found = compare_matrices("second policy", second, first)
+    (apart,) = [cell for cell in found.cells if cell.agrees is False]
+    assert (apart.row, apart.column) == (State.TARGET, State.TABLE)
+    assert apart.difference.value == -1.0
+    assert -1.0 <= apart.difference.low <= apart.difference.value <= apart.difference.high
+    assert found.same_side.k == found.same_side.n - 1
+    assert f"In {found.same_side.k} of {found.same_side.n} cells" in found.sentence
+
+
+def test_the_page_shows_all_of_it(results, whole, tmp_path):
+    page = write_real_page(results, tmp_path / "index.html").read_text()
+    for text in ("Phase conflict", "1/1", "4</td>", "ada and ben entered the same outcome in 34 of 36", "paper: "):
+        assert text in page
+    for trial in results.trials:
+        assert f'id="{trial.trial.code}"' in page
+    assert "<script" not in page
+    assert "front.mp4" in page
+
+
+def test_contradictions_are_listed_and_in_no_rate(tmp_path):
+    protocol(tmp_path, conditions=("train1",), moves=lambda _: still())
+    judge(tmp_path, "ada", lambda _: "done")
+    found = results_of(tmp_path)
+    assert [p.counts.contradictions for p in found.policies] == [1, 1]
+    assert all(p.counts.right == p.counts.failed == 0 for p in found.policies)
+    page = write_real_page(found, tmp_path / "page.html").read_text()
+    assert "the arm never moved" in page
+
+
+def test_the_command_prints_one_document_or_writes_a_page(whole, capsys, tmp_path):
+    assert main(["real", "report", str(whole), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["planned"] == len(document["trials"]) == 36
+    assert {t["label"] for t in document["trials"]} >= {"success", "correct_freeze", "phase_conflict", "unscored"}
+    assert document["agreements"][0]["n"] == 36
+    out = tmp_path / "r.html"
+    for _ in range(2):  # a page of ours is replaced
+        assert main(["real", "report", str(whole), "--out", str(out)]) == 0
+    assert "policy" in capsys.readouterr().out
+    out.write_text("mine")
+    assert main(["real", "report", str(whole), "--out", str(out)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_a_changed_record_is_named(tmp_path):
+    plan = protocol(tmp_path, conditions=("train1",))
+    path = tmp_path / "trials" / plan.trials[0].code / "samples.parquet"
+    path.write_bytes(path.read_bytes() + b" ")
+    with pytest.raises(RecordError, match=r"samples\.parquet: was changed"):
+        results_of(tmp_path)
+
+
+def test_a_run_of_another_policy_is_no_twin(results, whole, monkeypatch):
+    from betterbench.real import results as module
+
+    foreign = dataclasses.replace(results.policies[0].diagnosis, address="expert")
+    monkeypatch.setattr(module.RunFolder, "open", lambda path: path)
+    monkeypatch.setattr(module, "diagnose_run", lambda _: foreign)
+    with pytest.raises(InvalidInputError, match="is a run of expert, and the protocol has zoo:first, zoo:second"):
+        results_of(whole, [whole])
+    ours = dataclasses.replace(foreign, address="zoo:second")
+    monkeypatch.setattr(module, "diagnose_run", lambda _: ours)
+    (twin,) = results_of(whole, [whole]).twins
+    assert twin.policy == "second policy"
+    assert np.isfinite(twin.same_side.low)
