@@ -21,6 +21,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.demonstrations.shortcuts.strangers import make
+from tests.evaluation.conftest import in_few_steps
 from tests.generation.better_release.writing import lunch, write_task
 
 from betterbench.cli.main import VERBS, main
@@ -28,6 +29,7 @@ from betterbench.cli.verbs.evaluate import default_folder
 from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
 from betterbench.jobs.outputs import LIST_NAME, bears_mark
 from betterbench.records import RunFolder, read_record
+from betterbench.tasks.trial import Trial
 
 FOREIGN = b"notes of a thesis, without an end"
 
@@ -54,12 +56,15 @@ def short_record(run: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A run of two trials, a set of questions about it, a mixture, and a model that answers."""
+    """A run of two trials, a brief one to draw, a set of questions, a mixture, and a model that answers."""
     folder = tmp_path_factory.mktemp("outputs")
-    run, questions = folder / "run", folder / "questions"
+    run, brief, questions = folder / "run", folder / "brief", folder / "questions"
     plan = ["--policy", "zoo:lexical", "--tasks", "fast_food", "--variations", "T1", "--trials", "1"]
     seen = ["--observation", "state_only", "--quality", "fast"]
     assert main(["eval", *plan, *seen, "--workers", "1", "--out", str(run)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(24))
+        assert main(["eval", *plan, *seen, "--workers", "1", "--out", str(brief)]) == 0
     frames = ["--frames", "2", "--size", "96", "--questions", "40", "--cameras", "front", "--quality", "fast"]
     assert main(["vqa", str(run), "--out", str(questions), *frames]) == 0
     items = folder / "items.jsonl"
@@ -76,7 +81,8 @@ def made(tmp_path_factory):
     yield SimpleNamespace(
         folder=folder,
         run=run,
-        record=short_record(run),
+        brief=brief,
+        record=short_record(brief),
         questions=questions,
         mixture=mixture,
         catalogue=catalogue,
@@ -538,14 +544,14 @@ def test_a_pipe_in_a_set_of_questions_is_not_waited_for(made, tmp_path, capsys, 
 
 
 def test_a_pipe_among_modalities_is_not_waited_for(made, tmp_path, capsys):
-    words = ["materialize", str(made.run), "--camera", "front:32", "--modality", "rgb", "--out", str(tmp_path / "m")]
+    words = ["materialize", str(made.brief), "--camera", "front:32", "--modality", "rgb", "--out", str(tmp_path / "m")]
     assert main(words) == 0
     file = next((tmp_path / "m").rglob("*.parquet"))
     whole = file.read_bytes()
     file.unlink()
     os.mkfifo(file)
     with within(20.0):
-        assert main(["materialize", str(made.run), "--out", str(tmp_path / "m"), "--check"]) == 2
+        assert main(["materialize", str(made.brief), "--out", str(tmp_path / "m"), "--check"]) == 2
         assert main(words) == 0  # it is drawn again
     assert file.read_bytes() == whole
     (tmp_path / "m" / "materialize.json").unlink()

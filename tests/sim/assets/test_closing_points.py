@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from betterbench.sim.assets import build, categories, looks, unseen_looks
+from betterbench.sim.assets import build_unpainted, categories, looks, unseen_looks
 from betterbench.tasks.judging.picked_slots import closing_points
 
 
 def test_every_category_that_can_be_grasped_has_closing_points():
-    assert set(closing_points()) == {c for c in categories() if build(c).grasps}
+    assert set(closing_points()) == {c for c in categories() if build_unpainted(c).grasps}
 
 
 @pytest.mark.parametrize("category", sorted(closing_points()))
@@ -19,7 +19,7 @@ def test_closing_points_are_where_the_preferred_grasps_close(category):
     points = closing_points()[category]
     met = set()
     for look in (*looks(category), *unseen_looks(category)):
-        grasps = build(category, look=look).grasps
+        grasps = build_unpainted(category, look=look).grasps
         best = min(grasp.preference for grasp in grasps)
         for grasp in (g for g in grasps if g.preference == best):
             x, y = (1000.0 * value for value in grasp.pose.position[:2])

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from betterbench.errors import UnknownNameError
-from betterbench.sim.assets import build, categories, looks
+from betterbench.sim.assets import build, build_unpainted, categories, looks
 from betterbench.sim.assets.authoring import MATERIALS, material
 from betterbench.sim.assets.procedural import (
     blocks,
@@ -52,7 +52,7 @@ def corners(asset):
 @pytest.mark.parametrize("category", OFFICE)
 def test_looks_differ_in_shape_by_more_than_a_millimeter(category):
     """Of any two looks one has a box of another size, or surfaces elsewhere: it is not one mesh in another dress."""
-    assets = [build(category, look=look) for look in looks(category)]
+    assets = [build_unpainted(category, look=look) for look in looks(category)]
     for one, other in itertools.combinations(assets, 2):
         sizes = np.abs(np.subtract(one.size_m, other.size_m)).max()
         apart = KDTree(corners(other)).query(corners(one))[0].max()
@@ -62,7 +62,7 @@ def test_looks_differ_in_shape_by_more_than_a_millimeter(category):
 @pytest.mark.parametrize("category", OFFICE)
 def test_friction_is_that_of_a_material_and_mass_goes_with_size(category):
     known = {m.friction for m in MATERIALS.values()}
-    assets = [build(category, look=look) for look in looks(category)]
+    assets = [build_unpainted(category, look=look) for look in looks(category)]
     for asset in assets:
         assert {part.friction for part in asset.collision} <= known, asset.identity
     if category in BY_HAND:
@@ -80,7 +80,7 @@ def test_every_material_holds_better_than_the_table_and_worse_than_the_pads():
 
 @pytest.mark.parametrize("look", looks("crushed_can"))
 def test_a_crushed_can_lies_and_a_full_one_stands(look):
-    crushed, full = build("crushed_can", look=look), build("can", look=look)
+    crushed, full = build_unpainted("crushed_can", look=look), build_unpainted("can", look=look)
     assert full.size_m[2] - crushed.size_m[2] > 0.015
     assert max(crushed.size_m[:2]) > 1.3 * crushed.size_m[2]
     assert crushed.grasps[0].width_m < 0.045, "it is taken at its waist"
@@ -88,7 +88,7 @@ def test_a_crushed_can_lies_and_a_full_one_stands(look):
 
 @pytest.mark.parametrize("look", looks("stapler"))
 def test_a_stapler_has_an_open_steel_mouth_and_the_block_of_its_size_none(look):
-    real, fake = build("stapler", look=look, color="red"), build("stapler_block", look=look, color="red")
+    real, fake = (build_unpainted(category, look=look, color="red") for category in ("stapler", "stapler_block"))
     assert real.size_m[:2] == pytest.approx(fake.size_m[:2], rel=0.08)
     assert real.mass_kg == pytest.approx(fake.mass_kg, rel=0.01)
     assert {"magazine", "anvil"} <= {part.name for part in real.visual}

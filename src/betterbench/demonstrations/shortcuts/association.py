@@ -132,17 +132,23 @@ def permutation_test(
 
 
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
-    """Return rows of values shuffled within each block, shape (rows, n)."""
-    keys = draw.random((rows, len(x))) + block  # sorting by these keys shuffles within each block
+    """Return rows of values that are shuffled inside each block, shape (rows, n)."""
+    keys = draw.random((rows, len(x)))
+    keys += block  # sorting by these keys shuffles within each block
+    sorted_by_block = x[np.argsort(keys, axis=1)]
+    if (block[1:] >= block[:-1]).all():
+        return sorted_by_block
     mixed = np.empty((rows, len(x)), dtype=np.int64)
-    mixed[:, np.argsort(block, kind="stable")] = x[np.argsort(keys, axis=1)]
+    mixed[:, np.argsort(block, kind="stable")] = sorted_by_block
     return mixed
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
     """Return the joint counts of first and second values, per row of first values: (rows, nx, ny)."""
     (rows, _), (nx, ny) = mixed.shape, sizes
-    cells = mixed * ny + y + (np.arange(rows) * (nx * ny))[:, None]
+    cells = mixed * ny
+    cells += y
+    cells += (np.arange(rows) * (nx * ny))[:, None]
     return np.bincount(cells.ravel(), minlength=rows * nx * ny).reshape(rows, nx, ny)
 
 
@@ -176,7 +182,9 @@ def _permuted_bits(
         if within:
             mixed = shuffled_inside(x, block, rows, draw)
         else:
-            mixed = per_block[np.argsort(draw.random((rows, len(per_block))), axis=1)][:, block]
+            mixed = per_block[np.argsort(draw.random((rows, len(per_block))), axis=1)]
+            if len(per_block) != n:
+                mixed = mixed[:, block]
         joint = joint_counts(mixed, y, (nx, ny))
         if varying_margin:  # demonstrations of different lengths change the counts of x
             margin = logs[joint.sum(axis=2)].sum(axis=1) + logs[np.bincount(y, minlength=ny)].sum()

@@ -99,7 +99,7 @@ def _drawn(
     themes: Sequence[Theme], wanted: Sequence[Wanted], rng: np.random.Generator
 ) -> Iterator[tuple[Theme, Choice]]:
     """Yield different choices, one theme after the other, until all are used up."""
-    left = [_shuffled([c for c in theme.choices() if _has(c, wanted)], rng) for theme in themes]
+    left = [_shuffled([c for c in theme.choices() if not wanted or _has(c, wanted)], rng) for theme in themes]
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
     uses: Counter[object] = Counter()
