@@ -315,6 +315,11 @@ def _card(task: Task, variation: Variation) -> list[str]:
         if variation.premise_broken
         else []
     )
+    watched = (
+        [f"- watched for {variation.watch_steps} control steps after the goal is met: a grasp attempt then is a failure"]
+        if variation.watch_steps
+        else []
+    )
     return [
         f"### {variation.name}: {variation.title}",
         "",
@@ -327,6 +332,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- instruction: {told}",
         f"- expected: {variation.expected.value.replace('_', ' ')}",
         f"- support: {support}",
+        *watched,
         *look,
         *broken,
         f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
