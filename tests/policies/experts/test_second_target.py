@@ -1,4 +1,4 @@
-"""Faulty policies and a second target: what they recall where layouts fill the same slots, and a step without object."""
+"""Faulty policies and a second target: slots of the layout that a scene resembles, and a step without its object."""
 
 from __future__ import annotations
 
