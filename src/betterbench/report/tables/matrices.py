@@ -195,7 +195,7 @@ def _source(
     """Return one condition's trial outcomes, and those of its twins among the trials of training conditions."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
-    twins = [training[key].success for t in trials if (key := t.twin_key) in training]
+    twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]
     labels = _ranked(Counter(t.label for t in trials))
     return MatrixSource(name, condition.expected, success, labels, needless, Rate(sum(twins), len(twins)))
 
