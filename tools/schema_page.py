@@ -89,6 +89,8 @@ _TEXTS = {
         "mid_task_look": "whether the start looks like the middle of a demonstration",
         "premise_broken": "whether a premise of the instruction is deliberately false",
         "cloth": "color of the tablecloth; without it, the table top of the room is shown",
+        "watch_steps": "control steps for which the episode continues after the goal is met; a grasp attempt in this "
+        "time is a failure",
     },
     "Instruction": {
         "text": "sentence for the policy",
@@ -118,6 +120,8 @@ _TEXTS = {
         "support": "whether all poses lie inside the training distribution",
         "mid_task_look": "whether the start looks like the middle of a demonstration",
         "premise_broken": "whether a premise of the instruction is deliberately false",
+        "watch_steps": "control steps for which the episode continues after the goal is met; a grasp attempt in this "
+        "time is a failure",
     },
     "Regime": {
         "conditions": "conditions; they are named `balanced1` or `diverse1` and so on. None may be a test",

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.diagnosis.measures.power_matrix import Key, packaged_power_matrix
+from betterbench.diagnosis.measures.power_matrix import Key, power_matrix_of
 from betterbench.report.pages.not_shown import not_shown
 from betterbench.statistics import percent
 from betterbench.tasks import (
@@ -315,6 +315,8 @@ def _card(task: Task, variation: Variation) -> list[str]:
         if variation.premise_broken
         else []
     )
+    steps = f"{variation.watch_steps} control steps"
+    watched = [f"- watched for {steps} after the goal is met: a grasp attempt then is a failure"] * (steps[0] != "0")
     return [
         f"### {variation.name}: {variation.title}",
         "",
@@ -327,6 +329,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- instruction: {told}",
         f"- expected: {variation.expected.value.replace('_', ' ')}",
         f"- support: {support}",
+        *watched,
         *look,
         *broken,
         f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
@@ -339,7 +342,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
 
 def _power(key: Key) -> str:
     """Return the entry of the packaged power matrix: rules that fail the variation, and the shortcut ceiling."""
-    matrix = packaged_power_matrix()
+    matrix = power_matrix_of([key[0]])
     if matrix is None or key[0] in matrix.stale_tasks() or (ceiling := matrix.ceiling(key)) is None:
         return "not measured for this version; `better calibrate --power` does"
     failing = ", ".join(f"`{name}`" for name in matrix.failing(key)) or "no rule"
@@ -354,7 +357,7 @@ def _power(key: Key) -> str:
 
 def _not_shown(key: Key) -> list[str]:
     """Return the line with the limits of a pass; empty if they are not measured."""
-    matrix = packaged_power_matrix()
+    matrix = power_matrix_of([key[0]])
     if matrix is None or key[0] in matrix.stale_tasks():
         return []
     return [f"- limits: {not_shown(matrix, key)}"]

@@ -115,8 +115,10 @@ def test_a_replayed_demonstration_proves_the_arms_own_units(tmp_path):
 def test_a_certificate_covers_one_robot():
     plan = make_plan("expert", tasks=["morning_coffee"], trials=1)
     require_certified(plan)
+    require_certified(make_plan("expert", tasks=["fruit_basket"], trials=1))
+    plan = make_plan("expert", tasks=["so101_table"], trials=1)
     with pytest.raises(InvalidInputError, match=r"is for the robot panda, but the run uses so101.*--robot so101"):
-        require_certified(make_plan("expert", tasks=["fruit_basket"], trials=1))
+        require_certified(plan)
 
 
 @pytest.fixture(scope="module")

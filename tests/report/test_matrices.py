@@ -6,14 +6,17 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from factory import diagnosis, trial
+from factory import diagnosis, draw_frame, trial
 
 from betterbench.diagnosis import Evidence, Label
-from betterbench.report import write_report
+from betterbench.report import Film, Frame, write_report
+from betterbench.report.figures.media import NO_MEDIA, Media, Thumbnails
+from betterbench.report.pages.cell_pictures import ShownFilm, cell_pictures
 from betterbench.report.tables.cell_position import CellPosition, known_conditions, position_of
 from betterbench.report.tables.latex import table_to_latex
 from betterbench.report.tables.matrices import PAPER, matrices_of, plain_matrix
@@ -196,6 +199,45 @@ def test_a_success_with_a_needless_step_is_counted_in_its_cell_and_shown_on_the_
     assert "Success with a needless step" in page
     assert step.text in page, "the list of trials shows the evidence"
     assert "Needless step at" in page
+
+
+def test_a_cell_shows_the_training_twins_of_its_trials(tmp_path):
+    twins = [Label.SUCCESS, Label.TIMEOUT, Label.SUCCESS]
+    done = [
+        *(trial("fruit_basket", None, "train3", seed, label=label) for seed, label in enumerate(twins)),
+        *(trial("fruit_basket", "O6", "train3", seed, label=Label.BEHAVIORAL_INERTIA) for seed in (0, 1, 7)),
+        trial("fruit_basket", "T5", "train3", 9),
+    ]
+    run = diagnosis(done)
+    long = matrices_of(run)[1]
+    assert (long.cell(TABLE, ABSENT).twins.k, long.cell(TABLE, ABSENT).twins.n) == (1, 2)
+    assert long.cell(TABLE, TABLE).twins.n == long.cell(TARGET, TABLE).twins.n == 0
+    row = next(r for r in plain_matrix([long]).rows if r[1:3] == ("on the table", "absent"))
+    assert row[-2:] == (1, 2)
+    assert "training twins: 1/2 right" in write_report([run], tmp_path).read_text()
+
+
+def test_a_cell_shows_its_film_and_otherwise_its_scene():
+    image = draw_frame(np.random.default_rng(0))
+    done = [trial("fruit_basket", None, "train3", 0), trial("fruit_basket", "T5", "train3", 0)]
+    done += [trial("fruit_basket", "O6", "train3", s, label=Label.BEHAVIORAL_INERTIA) for s in range(2)]
+    done += [trial("fruit_basket", "O6", "train3", 2)]
+    run = diagnosis(done)
+    frames = (Frame(0.0, image, "start"), Frame(3.0, image, "attempt"))
+    films = [Film("expert", f"fruit_basket/O6/{seed}", frames) for seed in (2, 1)]
+    shown = [ShownFilm(i, f, next(t for t in done if t.key == f.trial)) for i, f in enumerate(films)]
+    media = Media(thumbnails={"fruit_basket/T5": Thumbnails(image, image), "fruit_basket/T1": Thumbnails(image)})
+    pictures = cell_pictures(matrices_of(run), shown, media)
+    name = "long_horizon_matrix", "expert"
+    inertia = pictures[(*name, "on the table", "absent")]
+    assert (inertia.film, inertia.frame.caption, inertia.text) == (1, "attempt", "fruit_basket/O6/1, 3.0 s")
+    assert pictures[(*name, "at the target", "on the table")].text == "scene of fruit_basket/T5"
+    assert pictures[(*name, "on the table", "on the table")].text == "scene of fruit_basket/train3"
+    assert pictures.keys() == {(*name, *key) for key in PICTURED}
+    assert cell_pictures(matrices_of(run), [], NO_MEDIA) == {}
+
+
+PICTURED = {("on the table", "absent"), ("at the target", "on the table"), ("on the table", "on the table")}
 
 
 def test_no_run_gives_an_empty_table():

@@ -301,7 +301,8 @@ def test_step_limit_grows_with_the_steps_asked(task, condition):
     if condition.expected is Expected.STAY_STILL:
         assert limit == task.template.still_steps
     else:
-        assert limit == task.template.base_steps + task.template.steps_per_subgoal * len(condition.instruction.subgoals)
+        steps = task.template.steps_per_subgoal * len(condition.instruction.subgoals)
+        assert limit == task.template.base_steps + steps + condition.watch_steps
 
 
 def test_axis_letters():

@@ -29,6 +29,7 @@ from betterbench.report.pages.page import write_report as write_page
 from betterbench.report.pages.trust import trust_of
 from betterbench.sim.worlds import WorldError
 from betterbench.statistics.wording import plural
+from betterbench.tasks import all_tasks
 from betterbench.tasks.user_files import options_for
 from betterbench.vqa.knowing import read_knowledge
 
@@ -187,11 +188,32 @@ def report_into(
 
 
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
-    """Return the trials to film, most informative first: failures, and a few successes for comparison."""
-    solved = {t.key for t in diagnosis.trials if t.success}
+    """Return the trials to film, the most informative first.
+
+    After the failures come one trial of each further cell of a task's own matrices, and a few solved ones.
+    """
+    aside = {t.key for t in diagnosis.trials if t.success or t.ambiguous}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
-    failed = [s for s in showings if s.trial not in solved]
-    return failed + [s for s in showings if s.trial in solved][:SOLVED_FILMS]
+    failed = [s for s in showings if s.trial not in aside]
+    rest = [s for s in showings if s.trial in aside]
+    named, cells = _conditions_of_matrices(), dict[str, Showing]()
+    for s in rest:
+        condition = s.trial.rpartition("/")[0]
+        if condition in named:
+            cells.setdefault(condition, s)
+    others = [s for s in rest if s not in cells.values()]
+    return failed + list(cells.values()) + others[:SOLVED_FILMS]
+
+
+def _conditions_of_matrices() -> frozenset[str]:
+    """Return the conditions ("fruit_basket/O6") that a task's own matrices name."""
+    return frozenset(
+        f"{task.id}/{name}"
+        for task in all_tasks()
+        for matrix in task.matrices
+        for cell in matrix.cells
+        for name in cell.conditions
+    )
 
 
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:

@@ -20,11 +20,12 @@ from betterbench.diagnosis.measures.power_matrix import task_versions as version
 from betterbench.diagnosis.thresholds import REPLAY_LIMIT
 from betterbench.errors import RecordError
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
+from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.experts.address import WITNESS
 from betterbench.policies.experts.registry import witnessed
 from betterbench.records import RunFolder
 from betterbench.statistics import Rate, chance_p
-from betterbench.tasks import Expected, get_task, suite_tasks
+from betterbench.tasks import Expected, built_in_suite, get_task, suite_tasks
 
 RULE_TRIALS = 6
 """Number of trials per faulty rule and variation; a few suffice, because decisions hardly depend on the seed."""
@@ -87,9 +88,10 @@ def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, p
     A pretender with a missing input gets enough trials for significance over all cells on a variation that it always
     solves. Without ``probes``, only faulty rules are tried, which are few trials.
     """
-    suite = [get_task(name) for name in suite_tasks("better60")]
+    suite = [get_task(name) for name in suite_tasks(built_in_suite(tasks))]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
-    keys = [(task.id, v.name) for task in chosen for v in task.variations]
+    # Ambiguous variations are neither solved nor failed.
+    keys = [(t.id, v.name) for t in chosen for v in t.variations if v.expected is not Expected.AMBIGUOUS]
     # Count the cells of the full suite even if only a few tasks are measured, so that the trials stay the
     # same.
     cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
@@ -158,7 +160,9 @@ def measure_power(
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
     """Return the plan for one pretender: its variation trials, except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
-    plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), observation="state_only")
+    # The policies without a rule act in end-effector deltas with every robot.
+    space = EE_DELTA.name if address in FLOOR else None
+    plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), action_space=space, observation="state_only")
     kept = tuple(
         t
         for t in plan.trials

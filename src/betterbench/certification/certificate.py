@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,10 +10,12 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.json_form import read_form, sealed_form, strict_form
-from betterbench.tasks import Looks, TrialId
+from betterbench.statistics import Rate
+from betterbench.tasks import Expected, Looks, TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 SCHEMA_VERSION = 1
 
@@ -151,6 +154,17 @@ class Certificate:
         return all(t.passed for t in self.trials)
 
     @property
+    def ambiguous(self) -> tuple[TrialCertificate, ...]:
+        """The trials whose premise is broken, so that they can be neither solved nor failed."""
+        return tuple(t for t in self.trials if _is_ambiguous(t.task, t.condition))
+
+    @property
+    def solved(self) -> Rate:
+        """Share of the other trials that the expert solved."""
+        rest = [t for t in self.trials if not _is_ambiguous(t.task, t.condition)]
+        return Rate(sum(t.clauses["a"].passed for t in rest), len(rest))
+
+    @property
     def expert_s(self) -> float:
         """Mean wall time of the expert per trial [s]."""
         return sum(t.expert_s for t in self.trials) / len(self.trials) if self.trials else 0.0
@@ -179,6 +193,15 @@ class Certificate:
 
 
 _CERTIFICATE = TypeAdapter(Certificate)
+
+
+@functools.cache
+def _is_ambiguous(task: str, condition: str) -> bool:
+    """Return whether the premise of a condition is broken; False for a condition that is not known here."""
+    try:
+        return resolve_condition(task, condition).condition.expected is Expected.AMBIGUOUS
+    except UnknownNameError:
+        return False
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from betterbench.certification.certificate import Certificate, CertificateVersio
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.json_form import form_errors, open_seal, read_bounded, read_form, strict_form
-from betterbench.tasks import Looks, TrialId
+from betterbench.tasks import Looks, TrialId, built_in_suite
 from betterbench.tasks.suite_folder import CERTIFICATE
 from betterbench.tasks.user_files import options_for, suite_file
 
@@ -29,7 +29,6 @@ MOST_SEEDS = 1_000_000
 MAX_BYTES = 256 << 20
 """Largest certificate that is read [byte]."""
 
-PACKAGED = "better60.json"
 FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
 
@@ -202,9 +201,15 @@ def parse_ranges(text: str) -> frozenset[int]:
     return frozenset(found)
 
 
-def packaged_coverage() -> Coverage:
-    """Return the certificate packaged with the suite."""
-    return _load(resources.files("betterbench.certification").joinpath("data", PACKAGED), "packaged certificate")
+def packaged_coverage(suite: str = "better60") -> Coverage:
+    """Return the certificate packaged with a built-in suite."""
+    file = resources.files("betterbench.certification").joinpath("data", packaged_name(suite))
+    return _load(file, f"packaged certificate of {suite}")
+
+
+def packaged_name(suite: str) -> str:
+    """Return the name of the packaged certificate's file for a built-in suite."""
+    return f"{suite}.json"
 
 
 def coverage_of(tasks: Iterable[str]) -> Coverage:
@@ -213,8 +218,9 @@ def coverage_of(tasks: Iterable[str]) -> Coverage:
     Raises:
         InvalidInputError: If the certificate of the folder is unreadable.
     """
+    tasks = tuple(tasks)
     own = suite_file(tasks, CERTIFICATE)
-    return packaged_coverage() if own is None else load_coverage(own)
+    return packaged_coverage(built_in_suite(tasks)) if own is None else load_coverage(own)
 
 
 def load_coverage(path: Path) -> Coverage:

@@ -7,14 +7,23 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from betterbench.certification.examine import watch_expert
-from betterbench.certification.handling import Put
+from betterbench.certification.handling import Preplaced, Put
 from betterbench.geometry import yaw_of
 from betterbench.interface.actions import EE_DELTA
 from betterbench.json_form import strict_form
 from betterbench.sim.scenes import Scene, engine_version
 from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import SUITE_VERSION, Task, TrialId, get_task
-from betterbench.tasks.demonstrated import Demonstrated, FinalPoses, FlatPose, Releases, measured_so_far
+from betterbench.tasks.demonstrated import (
+    Demonstrated,
+    FinalPose,
+    FinalPoses,
+    FlatPose,
+    JointPoses,
+    LeaningPose,
+    Releases,
+    measured_so_far,
+)
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import RELATIONS
 
@@ -43,13 +52,20 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Expert demonstration: its placements, and the reason if it failed (empty if solved)."""
+    """Demonstration of the expert.
+
+    Attributes:
+        problem: Reason for a failure, empty if solved.
+        puts: Its placements.
+        together: Final poses at each target where it left several objects.
+    """
 
     task: str
     condition: str
     seed: int
     problem: str
     puts: tuple[DemonstratedPut, ...]
+    together: tuple[JointPoses, ...] = ()
 
     @property
     def key(self) -> TrialId:
@@ -88,7 +104,20 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None, *, robot: st
         )
         watched = watch_expert(scene)
     puts = tuple(_noted(p) for p in watched.primitives if isinstance(p, Put) and p.relation and p.slot)
-    return Demonstration(trial.task, trial.condition, trial.seed, watched.problem, puts)
+    together = _together(watched.left, task.template.relation)
+    return Demonstration(trial.task, trial.condition, trial.seed, watched.problem, puts, together)
+
+
+def _together(left: Sequence[Preplaced], relation: str) -> tuple[JointPoses, ...]:
+    """Return the final poses at each target where a demonstration left several objects."""
+    places: dict[tuple[str, str, str], list[FinalPose]] = {}
+    for p in left:
+        places.setdefault(p.place, []).append(FinalPose(p.kind, p.asset, LeaningPose.of(p.pose)))
+    return tuple(
+        JointPoses(kind, asset, relation, region, tuple(sorted(objects)))
+        for (kind, asset, region), objects in sorted(places.items())
+        if len(objects) > 1
+    )
 
 
 def _noted(put: Put) -> DemonstratedPut:
@@ -134,6 +163,7 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
             for place, there in sorted(places.items())
         ),
         tuple(FinalPoses(*what, tuple(poses[:MOST_POSES])) for what, poses in sorted(left.items())),
+        tuple(joint for d in solved for joint in d.together),
     )
 
 

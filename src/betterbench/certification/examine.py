@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.certification.certificate import Clause, TrialCertificate
-from betterbench.certification.handling import Handling, Primitive
+from betterbench.certification.handling import Handling, Preplaced, Primitive
 from betterbench.certification.support import Found, TrainedSupport
 from betterbench.errors import PlanningError
 from betterbench.geometry import angle_between, distance
@@ -230,11 +230,18 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """Observed episode of the expert: reason for a failure (empty if solved), control steps, and primitives."""
+    """Observed episode of the expert.
+
+    Attributes:
+        problem: Reason for a failure, empty if solved.
+        steps: Control steps.
+        left: Objects at a target in the last state.
+    """
 
     problem: str
     steps: int
     primitives: tuple[Primitive, ...]
+    left: tuple[Preplaced, ...] = ()
 
 
 def watch_expert(scene: Scene) -> Watched:
@@ -261,7 +268,7 @@ def watch_expert(scene: Scene) -> Watched:
     mishap = getattr(agent, "ground_truth", {}).get("mishap")
     if problem and broke is None and mishap:
         problem = f"{problem}; {mishap}"
-    return Watched(problem, state.step, handling.finish())
+    return Watched(problem, state.step, handling.finish(), handling.left())
 
 
 def _expert(scene: Scene) -> _Episode:
@@ -272,7 +279,7 @@ def _expert(scene: Scene) -> _Episode:
     return _Episode(
         Clause(not watched.problem, watched.problem),
         watched.steps,
-        tuple(trained.judge(p) for p in watched.primitives),
+        trained.judge_all(watched.primitives),
         time.perf_counter() - began,
     )
 

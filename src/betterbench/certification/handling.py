@@ -98,6 +98,11 @@ class Preplaced:
     region: str
     pose: Pose
 
+    @property
+    def place(self) -> tuple[str, str, str]:
+        """Kind, asset and region of the target."""
+        return self.target_kind, self.target_asset, self.region
+
 
 @dataclass(frozen=True, slots=True)
 class DrawerMove:
@@ -168,6 +173,26 @@ class Handling:
         if self._last is not None:
             self._settle(self._last)
         return (*self._found, *self._slid.values())
+
+    def left(self) -> tuple[Preplaced, ...]:
+        """Return the objects that lie in the last state where objects can be pre-placed.
+
+        Their poses may differ from those of their puts, because later objects can move earlier ones.
+        """
+        state, relation = self._last, self._relations[0]
+        if state is None or relation.surface is None:
+            return ()
+        found: list[Preplaced] = []
+        for name, target in self._resting_on.items():
+            info, base = state.info.object(name), state.info.object(target)
+            if info.role not in relation.roles or not relation.regions(base):
+                continue
+            region = relation.where(state, name, target)
+            if region is None:
+                continue
+            pose = _middle_of(state, target, relation.name, region).inverse() @ state.pose(name)
+            found.append(Preplaced(name, info.kind, info.asset, base.kind, base.asset, region, pose))
+        return tuple(sorted(found, key=lambda p: (p.kind, p.asset, p.target_kind, p.region)))
 
     def _settle(self, state: WorldState) -> None:
         """Record where the released object has come to rest."""

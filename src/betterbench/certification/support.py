@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from betterbench.certification.handling import DrawerMove, Pick, Preplaced, Primitive, Put, ground_of
-from betterbench.geometry import Pose, yaw_of
+from betterbench.geometry import Pose, angle_between, distance, yaw_of
 from betterbench.tasks import Slot, Task
 from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, FlatPose
 from betterbench.tasks.relations import RELATIONS
@@ -33,6 +34,13 @@ class Found:
     text: str
     problem: str | None
     slack_m: float | None
+
+
+class Apart(NamedTuple):
+    """Deviation of objects from their poses in a demonstration: that of the farthest [m], of the most turned [rad]."""
+
+    aside_m: float
+    turned: float
 
 
 @dataclass(frozen=True)
@@ -91,6 +99,20 @@ class TrainedSupport:
             frozenset(spots),
             frozenset(slides),
             {s.name: s for s in task.slots},
+        )
+
+    def judge_all(self, primitives: Sequence[Primitive]) -> tuple[Found, ...]:
+        """Return the finding on each primitive of an episode; pre-placed objects in one place are judged together."""
+        places: dict[tuple[str, str, str], list[Preplaced]] = {}
+        for p in primitives:
+            if isinstance(p, Preplaced):
+                places.setdefault(p.place, []).append(p)
+        joint = {place: self._apart(there) for place, there in places.items() if len(there) > 1}
+        return tuple(
+            self.judge(p)
+            if not isinstance(p, Preplaced) or (apart := joint.get(p.place)) is None
+            else self._judge_together(p, apart)
+            for p in primitives
         )
 
     def judge(self, primitive: Primitive) -> Found:
@@ -171,6 +193,28 @@ class TrainedSupport:
         turned = math.degrees(min(abs(_turn(there.pose, pose)) for pose in poses))
         far = f"{1000.0 * _offset_m(there.pose, nearest):.1f} mm and {turned:.0f} degrees"
         return Found(text, f"{text}, {far} from the nearest pose in which demonstrations leave such an object", None)
+
+    def _apart(self, there: Sequence[Preplaced]) -> Apart | None:
+        """Return the smallest deviation of several objects in one place from how a demonstration left them there.
+
+        None if no measured demonstration left the same assets together.
+        """
+        known = self.demonstrated.joint_poses_at(there[0].target_asset, self.relation, there[0].region)
+        deviations = []
+        for joint in known:
+            poses = joint.posed([(p.kind, p.asset) for p in there])
+            if poses is not None:
+                pairs = [(p.pose, pose) for p, pose in zip(there, poses, strict=True)]
+                aside = max(distance(a.position, b.position) for a, b in pairs)
+                deviations.append(Apart(aside, max(angle_between(a.quaternion, b.quaternion) for a, b in pairs)))
+        return min(deviations, key=lambda d: max(d.aside_m / LEFT_M, d.turned / LEFT_RAD), default=None)
+
+    def _judge_together(self, there: Preplaced, apart: Apart) -> Found:
+        text = f"finds {there.object} {self.relation} {_place(there.target_kind, there.region)} beside another object"
+        if apart.aside_m <= LEFT_M and apart.turned <= LEFT_RAD:
+            return Found(text, None, None)
+        far = f"{1000.0 * apart.aside_m:.1f} mm and {math.degrees(apart.turned):.0f} degrees"
+        return Found(text, f"{text}, {far} from the nearest poses in which a demonstration leaves them together", None)
 
 
 def _place(target_kind: str, region: str) -> str:

@@ -8,6 +8,7 @@ from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
 from betterbench.evaluation.running.summary import PolicyService, RunTimes
 from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks import TrialId
 
 
 @dataclass(slots=True)
@@ -15,12 +16,14 @@ class RunTally:
     """Counts of a run in progress.
 
     Attributes:
-        judged: Trials with a record.
+        ambiguous: Planned trials that have no right or wrong outcome; they are not judged.
+        judged: Trials with a record that have a right or wrong outcome.
         successes: Judged trials that succeeded.
-        policy_errors: Judged trials that ended with an error of the policy.
-        broken: Trials that failed to run in this session; the same command runs them again.
+        policy_errors: Trials that ended with an error of the policy.
+        broken: Trials that broke down in this session; the same command runs them again.
     """
 
+    ambiguous: frozenset[TrialId] = frozenset()
     judged: int = 0
     successes: int = 0
     policy_errors: int = 0
@@ -42,8 +45,9 @@ class RunTally:
             outcome = run.outcome(entry)
         except RecordError:  # the record was removed; its trial is run again
             return
-        self.judged += 1
-        self.successes += outcome.success
+        if entry.key not in self.ambiguous:
+            self.judged += 1
+            self.successes += outcome.success
         self.policy_errors += outcome.termination == "policy_error"
 
     def note(self, progress: Progress, *, left: str | None = None) -> str:

@@ -31,14 +31,14 @@ _LEAST_ROOM = 1 << 20
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
     """Return a run's metrics by name ("success_rate/fast_food/T1"), with their confidence bounds.
 
-    Labels are counted over the trials of variations ("labels/timeout").
+    Labels are counted over the trials of variations ("labels/timeout"), without ambiguous trials.
     """
     numbers: dict[str, float] = {}
     for metric in diagnosis.metrics:
         parts = {"": metric.value, "/low": metric.low, "/high": metric.high, "/n": float(metric.n)}
         name = f"{metric.name}/{metric.scope}".replace(":", "/")
         numbers |= {f"{name}{part}": value for part, value in parts.items() if value is not None}
-    labels = Counter(t.label.value for t in diagnosis.trials if t.variation is not None)
+    labels = Counter(t.label.value for t in diagnosis.counted_trials if t.variation is not None)
     return numbers | {f"labels/{label}": float(n) for label, n in sorted(labels.items())}
 
 
@@ -112,7 +112,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
     columns = ["task", "condition", "seed", "success", "label", "progress", "steps"]
     rows = [
         [t.task, t.variation or t.condition, t.seed, t.success, t.label.value, t.progress, t.steps]
-        for t in diagnosis.trials
+        for t in diagnosis.counted_trials
     ]
     room = _LEAST_ROOM + 4 * len(json.dumps([config, numbers, rows]))
     place = out / "wandb"

@@ -36,7 +36,8 @@ class Matching:
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
     """Return the trials shared by all sides, matched by task, variation or condition, and seed.
 
-    For a run with ``--until-decided``, only first-round trials count, because later trials depend on outcomes.
+    For a run until decided, only the trials of its first round count, because outcomes selected the others. Ambiguous
+    trials do not count.
 
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and mixing is not allowed.
@@ -44,6 +45,7 @@ def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching
     """
     notes = list(_clashes(sides, allow_mixed=allow_mixed))
     notes += [note for side in sides for note in _until_decided(side)]
+    notes += [note for side in sides for note in _ambiguous(side)]
     sides = [replace(side, diagnosis=side.diagnosis.even()) for side in sides]
     by_key = [{t.key: t for t in s.diagnosis.trials} for s in sides]
     common = [key for key in by_key[0] if all(key in known for known in by_key[1:])]
@@ -123,11 +125,18 @@ def _until_decided(side: Side) -> Iterator[str]:
     decided = side.diagnosis.until_decided
     if decided is not None:
         first = plural(len(decided.first_seeds), "seed")
-        chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.even_trials), "trial")
+        chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.shown_trials), "trial")
         yield (
             f"{side.name} ran until its variations were decided: only the trials of its first {first} are "
             f"compared; {chosen} that depended on outcomes are left out."
         )
+
+
+def _ambiguous(side: Side) -> Iterator[str]:
+    """Yield a note about the trials that have no right or wrong outcome."""
+    trials = [t for t in side.diagnosis.shown_trials if t.ambiguous]
+    if trials:
+        yield f"{plural(len(trials), 'ambiguous trial')} of {side.name} cannot be right or wrong and are not compared."
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:

@@ -283,4 +283,7 @@ def submission_lines(submission: Submission) -> Iterator[str]:
         if counts[status]:
             yield f"{counts[status]} of them are {status} and count as failures"
     if submission.left_out:
-        yield f"{submission.left_out} trials of a run until decided that depended on outcomes are left out"
+        yield (
+            f"{submission.left_out} trials are left out: those of a run until decided that depended on outcomes, and "
+            "ambiguous ones, which cannot be right or wrong"
+        )

@@ -84,7 +84,15 @@ def find_notes(
                 f"conditions "
                 "and all variations of the task with the same seeds."
             )
-    lonely = sum(t.variation is not None and t.kind is not Kind.UNFINISHED for t in trials) - pairs
+    ambiguous = sum(t.ambiguous for t in trials)
+    if ambiguous:
+        have = "has" if ambiguous == 1 else "have"
+        notes.append(
+            f"{plural(ambiguous, 'trial')} with a broken premise {have} no right or wrong outcome: no rate, gap or "
+            "finding counts them."
+        )
+    paired = [t for t in trials if t.variation is not None and not t.ambiguous]
+    lonely = sum(t.kind is not Kind.UNFINISHED for t in paired) - pairs
     if lonely and pending:
         wait = "1 trial still lacks its" if lonely == 1 else f"{lonely} trials still lack their"
         notes.append(f"{wait} counterfactual twin and is not in the illusion gap yet.")

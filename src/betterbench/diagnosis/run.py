@@ -242,7 +242,7 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
         else reader.without_record(trial, policy, trials.missing.get(trial))
         for trial in trials.plan
     )
-    unused = tasks_without_effect(found)
+    unused = tasks_without_effect([t for t in found if not t.ambiguous])
     decider = decider_of({task: list(choices[group[task]].values()) for task in unused if group[task] in choices})
     found = tuple(
         _whatever_is_asked(t, trials.readings[t.trial_id], unused[t.task], decider)
@@ -260,16 +260,17 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
     waiting = tuple(reader.without_record(trial, policy, None) for trial in trials.pending)
     broken = sorted(str(trial) for trial, reason in trials.missing.items() if reason)
     decided = trials.until_decided
-    even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
+    counted = [t for t in found if not t.ambiguous]
+    even = None if decided is None else len(twins([t for t in counted if t.seed in decided.first_seeds]))
     notes = find_notes(
-        found, judged, broken, len(twins(found)), pending=len(waiting), even_pairs=even, cure=reader.twins_cure
+        found, judged, broken, len(twins(counted)), pending=len(waiting), even_pairs=even, cure=reader.twins_cure
     )
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided),
         findings=(
             *effect_findings(unused, str(decider)),
             *(favorite.finding(suite) for suite, favorite in favorites.items()),
-            *find_findings([t for t in found if not t.ambiguous], rules),
+            *find_findings(counted, rules),
         ),
         notes=(*(() if decided is None else decided.notes()), *notes, *reader.last_notes(found)),
         thresholds=THRESHOLDS.to_json(), versions=versions, waiting=waiting, until_decided=decided,

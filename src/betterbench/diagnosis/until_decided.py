@@ -8,7 +8,7 @@ from typing import Any
 
 from betterbench.statistics import Answer, Decisions, Question, StoppingRule, Verdict, decide
 from betterbench.statistics.wording import plural
-from betterbench.tasks import TrialId
+from betterbench.tasks import Expected, TrialId
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 
@@ -91,15 +91,20 @@ def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[T
     Raises:
         UnknownNameError: If the plan names an unknown task, variation or training condition.
     """
-    bases = {}
+    bases: dict[tuple[str, str], str] = {}
+    unasked: list[tuple[str, str]] = []
     for task, condition in dict.fromkeys((t.task, t.condition) for t in plan):
         resolved = resolve_condition(task, condition)
-        if resolved.variation is not None:
+        if resolved.variation is None:
+            continue
+        if resolved.condition.expected is Expected.AMBIGUOUS:
+            unasked.append((task, condition))
+        else:
             bases[task, condition] = resolved.base
     questions = [Question(f"{task}/{name}", f"{task}/{base}") for (task, name), base in bases.items()]
-    seeds = sorted({t.seed for t in plan if (t.task, t.condition) in bases})
-
-    decisions = decide(questions, seeds, lambda name, seed: outcome(_trial(name, seed)), rule=rule)
+    seeds = sorted({t.seed for t in plan if (t.task, t.condition) in {*bases, *unasked}})
+    names = [f"{task}/{name}" for task, name in unasked]
+    decisions = decide(questions, seeds, lambda name, seed: outcome(_trial(name, seed)), rule=rule, unasked=names)
     return UntilDecided(rule, tuple(seeds[: rule.first]), decisions)
 
 

@@ -232,6 +232,11 @@ class RunDiagnosis:
         return tuple(t for t in self.trials if t.kind is Kind.UNFINISHED)
 
     @property
+    def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
+        """The trials with a right or wrong outcome; ambiguous trials are not counted."""
+        return tuple(t for t in self.trials if not t.ambiguous)
+
+    @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
         """The counted trials selected independently of outcomes; ambiguous trials are not counted."""
         return tuple(t for t in self.shown_trials if not t.ambiguous)

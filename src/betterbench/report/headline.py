@@ -141,6 +141,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     The main failure is the most frequent label within the most frequent failure kind over all variation trials; if two
     kinds are equally frequent, reasoning takes precedence.
     """
+    diagnosis = replace(diagnosis, trials=diagnosis.counted_trials)
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
     gap = Figure.gap(diagnosis, "overall")

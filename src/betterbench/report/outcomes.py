@@ -173,4 +173,5 @@ def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> 
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)
+    trials = [t for t in trials if not t.ambiguous]
     return Figure.of_rate(Rate(sum(t.success for t in trials), len(trials)))

@@ -138,7 +138,14 @@ Outcomes = Callable[[str, int], bool | None]
 """Function that returns whether a condition was solved with a seed, or None if unknown."""
 
 
-def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcomes, *, rule: StoppingRule) -> Decisions:
+def decide(
+    questions: Sequence[Question],
+    seeds: Sequence[int],
+    outcome: Outcomes,
+    *,
+    rule: StoppingRule,
+    unasked: Sequence[str] = (),
+) -> Decisions:
     """Replay the rounds of the questions up to the last known outcome.
 
     Args:
@@ -146,13 +153,16 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
         seeds: Seeds in the order in which they are run; their number is the maximum number of pairs per question.
         outcome: Known outcomes of the trials.
         rule: Rule by which a question is decided.
+        unasked: Conditions without a question, which run in the first round only.
     """
     answers = [Answer(q) for q in questions]
     done = 0
-    while done < len(seeds) and not all(a.decided for a in answers):
+    while done < len(seeds) and not (all(a.decided for a in answers) and (done or not unasked)):
         until = min(len(seeds), max(rule.first, done + 1))
         asked = [a.question for a in answers if not a.decided]
         names = dict.fromkeys(name for q in asked for name in (q.condition, q.twin))
+        if not done:
+            names |= dict.fromkeys(unasked)
         waiting = tuple((n, s) for n in names for s in seeds[done:until] if outcome(n, s) is None)
         if waiting:
             return Decisions(tuple(answers), waiting)

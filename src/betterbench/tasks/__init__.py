@@ -12,7 +12,15 @@
 from betterbench.tasks import regimes as regimes  # adds the regimes of the suite to its tasks
 from betterbench.tasks import suite
 from betterbench.tasks.authoring.operations import Changes, Operation, operation_names
-from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_of, suite_tasks, task_names
+from betterbench.tasks.authoring.registry import (
+    all_tasks,
+    built_in_suite,
+    environment_id,
+    get_task,
+    suite_of,
+    suite_tasks,
+    task_names,
+)
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.authoring.task_form import task_from_json, task_to_json
 from betterbench.tasks.authoring.template import ObjectGroup, Template
@@ -67,6 +75,7 @@ __all__ = [
     "all_labels",
     "all_tasks",
     "broken_premises",
+    "built_in_suite",
     "environment_id",
     "get_task",
     "looks_named",

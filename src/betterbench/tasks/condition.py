@@ -78,6 +78,8 @@ class Condition:
         mid_task_look: Whether the initial state looks like the middle of a demonstration.
         premise_broken: Whether a premise of the instruction is deliberately false.
         cloth: Color of the tablecloth, or None for the table top of the room.
+        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt in this time
+            is a failure.
     """
 
     task: str
@@ -91,6 +93,7 @@ class Condition:
     mid_task_look: bool = False
     premise_broken: bool = False
     cloth: str | None = None
+    watch_steps: int = 0
 
     @property
     def id(self) -> str:
@@ -129,6 +132,8 @@ class Condition:
         form["layout"] = dict(self.layout)
         form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
         form["opened"] = dict(self.opened)
-        if self.cloth is None:  # so that the JSON of conditions without a cloth does not change
+        if self.cloth is None:  # conditions without a cloth or watch keep the form of earlier versions
             del form["cloth"]
+        if not self.watch_steps:
+            del form["watch_steps"]
         return form

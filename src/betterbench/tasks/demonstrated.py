@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
+from betterbench.geometry import Pose, normalize
 from betterbench.json_form import SEAL, open_seal, read_form, seal_of, strict_form
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.randomness import SUITE_VERSION, stream
@@ -107,6 +108,73 @@ class FinalPoses:
     poses: tuple[FlatPose, ...]
 
 
+class LeaningPose(NamedTuple):
+    """Pose of an object that may lean on others, relative to the target region's center, in the target's frame.
+
+    The position is in millimeters, the rotation a quaternion.
+    """
+
+    position_mm: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+
+    @classmethod
+    def of(cls, pose: Pose) -> LeaningPose:
+        """Return a pose ``T_middle_object``, rounded to 0.01 mm and about 0.01 degrees."""
+        x, y, z = (round(1000.0 * value, 2) for value in pose.position)
+        qw, qx, qy, qz = (round(value, 4) for value in pose.quaternion)
+        return cls((x, y, z), (qw, qx, qy, qz))
+
+    @property
+    def pose(self) -> Pose:
+        """The pose ``T_middle_object`` [m]."""
+        x, y, z = (0.001 * value for value in self.position_mm)
+        return Pose((x, y, z), normalize(self.quaternion))
+
+
+class FinalPose(NamedTuple):
+    """Final pose of one object among several at a target: kind of the object, identity of its asset, pose at rest."""
+
+    kind: str
+    asset: str
+    at: LeaningPose
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class JointPoses:
+    """Final poses of several objects that one demonstration left in the same place, such as a container.
+
+    Objects in a container lean on each other and on its walls, so that their poses belong together.
+
+    Attributes:
+        target_kind: Kind of the target.
+        target_asset: Identity of the target's asset.
+        relation: Relation of each object to the target.
+        region: Region of the target, "" if it has only one.
+        objects: The objects, sorted.
+    """
+
+    target_kind: str
+    target_asset: str
+    relation: str
+    region: str
+    objects: tuple[FinalPose, ...]
+
+    def posed(self, objects: Sequence[tuple[str, str]]) -> tuple[Pose, ...] | None:
+        """Return the poses ``T_middle_object`` of objects given by kind and asset, in their order.
+
+        None unless these are all the objects there.
+        """
+        left, found = list(self.objects), []
+        for wanted in objects:
+            chosen = next((o for o in left if (o.kind, o.asset) == wanted), None)
+            if chosen is None:
+                return None
+            left.remove(chosen)
+            found.append(chosen.at.pose)
+        return None if left else tuple(found)
+
+
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrated:
@@ -117,6 +185,7 @@ class Demonstrated:
         engine: Version of the physics engine.
         version: Task version.
         solved: Number of measured demonstrations.
+        together: Final poses of demonstrations that left several objects in one place, one entry per demonstration.
     """
 
     suite: str
@@ -125,6 +194,7 @@ class Demonstrated:
     solved: int
     releases: tuple[Releases, ...]
     final_poses: tuple[FinalPoses, ...]
+    together: tuple[JointPoses, ...] = ()
 
     def releases_at(self, place: tuple[str | None, str | None, str, int]) -> Releases | None:
         """Return the releases at a place, given as slot, relation, region and level, or None if there are none."""
@@ -143,6 +213,11 @@ class Demonstrated:
         same = [p for p in of_kind if p.asset == assets[0]]
         alike = [p for p in same if p.target_asset == assets[1]]
         return tuple(pose for found in alike or same or of_kind or there for pose in found.poses)
+
+    def joint_poses_at(self, target_asset: str, relation: str, region: str) -> tuple[JointPoses, ...]:
+        """Return the final poses of demonstrations that left several objects at a target with this asset."""
+        place = (target_asset, relation, region)
+        return tuple(j for j in self.together if (j.target_asset, j.relation, j.region) == place)
 
     def shows(self, target_kind: str, relation: str, region: str, *, assets: tuple[str, str]) -> bool:
         """Return whether a demonstration brought exactly this object asset to this target asset."""
@@ -182,7 +257,7 @@ def _task_text(task: Demonstrated) -> str:
     form: dict[str, Any] = asdict(task)
     lists = [
         f'  "{name}": [\n' + ",\n".join("   " + json.dumps(entry) for entry in form.pop(name)) + "\n  ]"
-        for name in ("releases", "final_poses")
+        for name in ("releases", "final_poses", "together")
     ]
     return json.dumps(form)[:-1] + ",\n" + ",\n".join(lists) + "\n }"
 
@@ -247,6 +322,14 @@ def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
 def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence[FlatPose]) -> FlatPose:
     """Return the final pose of a pre-placed object in a trial, drawn from the trial's random stream."""
     return poses[int(stream(task.id, seed, f"preplaced:{kind}:{region}").integers(len(poses)))]
+
+
+def joint_index(task: Task, seed: int, *, kinds: Sequence[str], region: str, count: int) -> int:
+    """Return the index of the demonstration that pre-placed objects in one place come from, out of ``count``.
+
+    It is drawn from the trial's random stream.
+    """
+    return int(stream(task.id, seed, f"preplaced:{' '.join(sorted(kinds))}:{region}").integers(count))
 
 
 def cure_for(task: str) -> str:

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.json_form import strict_form
+from betterbench.tasks.axes import Expected
 from betterbench.tasks.interventions import ResolvedCondition, resolve_condition
 from betterbench.tasks.trial_id import TrialId
 
@@ -24,6 +25,11 @@ class Trial:
     base_condition: str | None
     seed: Annotated[int, Field(ge=0)]
     expected: str
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the premise is broken, so that no behavior is a failure and no rate counts the trial."""
+        return self.expected == Expected.AMBIGUOUS.value
 
     @property
     def id(self) -> TrialId:

@@ -191,7 +191,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     for q in asked.questions:
         if q.role is not None:
             by_trial.setdefault(q.source.trial, []).append(q)
-    trials = [t for t in diagnosis.trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
+    trials = [t for t in diagnosis.counted_trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
         cure = "Make a set with better vqa --run RUN --out SET, and let the model answer it"
         raise InvalidInputError(str(asked.path), "contains no questions about this run", cure)

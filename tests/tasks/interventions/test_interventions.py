@@ -74,6 +74,7 @@ def test_declared_changes_are_the_only_differences(task, variation):
         "expected",
         "mid_task_look",
         "premise_broken",
+        "watch_steps",
         "objects",
         "layout",
         "preplaced",
@@ -92,6 +93,7 @@ def test_vary_carries_the_variation_s_own_facts(task, variation):
     assert condition.expected is variation.expected
     assert condition.mid_task_look is variation.mid_task_look
     assert condition.premise_broken is variation.premise_broken
+    assert condition.watch_steps == variation.watch_steps
     assert changes.objects or changes.language, "a variation that changes nothing tests nothing"
 
 

@@ -25,10 +25,12 @@ def print_certificate(certificate: Certificate) -> None:
     else:
         OUT.print("all clauses hold for every trial", markup=False)
     variations = sum(not s.training for s in groups)
-    n, solved = len(certificate.trials), sum(t.clauses["a"].passed for t in certificate.trials)
+    n, solved, ambiguous = len(certificate.trials), certificate.solved, len(certificate.ambiguous)
     passed = sum(t.passed for t in certificate.trials)
     workers = f"{certificate.workers} worker{'' if certificate.workers == 1 else 's'}"
     of_what = f"{variations} variations, {len(groups) - variations} training conditions"
     OUT.print(f"certified   {passed} of {n} trials ({of_what})", markup=False, soft_wrap=True)
-    OUT.print(f"expert      solves {solved} of {n}, {certificate.expert_s:.2f} s per trial", markup=False)
+    aside = f"; {ambiguous} ambiguous trials cannot be solved or failed" if ambiguous else ""
+    said = f"solves {solved.k} of {solved.n}, {certificate.expert_s:.2f} s per trial{aside}"
+    OUT.print(f"expert      {said}", markup=False, soft_wrap=True)
     OUT.print(f"total time  {certificate.wall_s:.0f} s with {workers}", markup=False)

@@ -28,12 +28,16 @@ def print_diagnosis(result: RunDiagnosis) -> None:
     groups: dict[str, list[Label]] = {}
     for trial in result.trials:
         groups.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial.label)
+    ambiguous = {f"{t.task}/{t.variation}" for t in result.trials if t.ambiguous}
     rows = []
     for name, labels in groups.items():
         counts = Counter(labels).most_common()
         right = sum(n for label, n in counts if label.kind is Kind.NONE)
         rest = ", ".join(f"{label} {n}" for label, n in counts)
-        rows.append([name, f"{right}/{len(labels)}", f"{percent(right, len(labels))} %", *_verdict(result, name), rest])
+        told = (
+            ["–", "ambiguous"] if name in ambiguous else [f"{right}/{len(labels)}", f"{percent(right, len(labels))} %"]
+        )
+        rows.append([name, *told, *_verdict(result, name), rest])
     verdict = [] if result.until_decided is None else ["verdict"]
     print_table(["condition", "k/n", "success", *verdict, "outcomes"], rows, title=result.policy)
     OUT.print()

@@ -152,7 +152,7 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
 
     with _progress("power matrix") as told:
         found = measure_power(power_trials(tasks), out, workers=workers, on_progress=told)
-    page = _store_power(found, out, write_package=write_package, partly=bool(tasks))
+    page = _store_power(found, out, write_package=write_package, tasks=tasks)
     if as_json:
         print_json(found.to_json())
         return
@@ -171,22 +171,24 @@ def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
         yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
 
 
-def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, partly: bool) -> Path:
+def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, tasks: Sequence[str]) -> Path:
     """Write a power matrix, also into the package if requested, and return the path of its page.
 
-    If only part of the suite was measured, the cells of the other tasks in the package are kept.
+    If only a part of a suite was measured, the cells of its other tasks stay as they are in the package.
     """
-    from betterbench.diagnosis.measures.power_matrix import PACKAGED_MATRIX, packaged_power_matrix
+    from betterbench.diagnosis.measures.power_matrix import packaged_matrix_name, packaged_power_matrix
     from betterbench.jobs import write_durably
     from betterbench.report.pages.power_page import write_power_page
+    from betterbench.tasks import built_in_suite, suite_tasks
 
     write_durably(out / "power.json", found.to_text().encode())
     if write_package:
-        earlier = packaged_power_matrix() if partly else None
+        suite = built_in_suite(tasks)
+        earlier = packaged_power_matrix(suite) if tasks and set(tasks) != set(suite_tasks(suite)) else None
         whole = found if earlier is None else found.with_kept(earlier)
         with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
-            write_durably(folder / PACKAGED_MATRIX, whole.to_text().encode())
-            say(f"packaged power matrix: {folder / PACKAGED_MATRIX}")
+            write_durably(folder / packaged_matrix_name(suite), whole.to_text().encode())
+            say(f"packaged power matrix: {folder / packaged_matrix_name(suite)}")
     return write_power_page(found, out)
 
 

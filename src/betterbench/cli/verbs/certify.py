@@ -66,25 +66,30 @@ def certify_command(
     from betterbench.cli.output.certificate import print_certificate
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.evaluation import make_plan
-    from betterbench.interface.actions import USUAL_ROBOT
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.report.pages.certificate_page import write_certificate_page
     from betterbench.tasks import TrialId, suite_tasks
+    from betterbench.tasks.authoring.registry import SUITES
 
     of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
     if write_package and arm != USUAL_OPTION:
-        raise InvalidInputError("--write-package", "the packaged files are those of the Panda", "Leave out --robot")
+        problem = "the packaged files are those of the robots for which the tasks are laid out"
+        raise InvalidInputError("--write-package", problem, "Leave out --robot")
     robot = arm.of(tasks or of_suite)
-    if write_package and demonstrations is None and robot != USUAL_ROBOT:
-        problem = f"the packaged certificate is one of {USUAL_ROBOT!r}, and these tasks are laid out for {robot!r}"
-        raise InvalidInputError("--write-package", problem, "Leave it out")
+    of_package = arm.of(of_suite)
+    if write_package and demonstrations is None and robot != of_package:
+        problem = f"the certificate of {suite} is one of {of_package!r}, and these tasks are laid out for {robot!r}"
+        raise InvalidInputError("--write-package", problem, "Name the suite of these tasks with --suite")
+    if write_package and suite not in SUITES:
+        raise InvalidInputError("--write-package", f"{suite} is not packaged", f"Name one of {', '.join(SUITES)}")
     if write_package and demonstrations is None and looks != "seen":
         raise InvalidInputError(
             "--write-package", "it replaces the certificate with the seen looks", "Leave out --looks"
         )
     kept = None
     if write_package and demonstrations is None and tasks:
-        kept = packaged_coverage().only(versions_in_use([name for name in of_suite if name not in tasks]))
+        rest = [name for name in of_suite if name not in tasks]
+        kept = packaged_coverage(suite).only(versions_in_use(rest, robot=robot)) if rest else None
     prepare_robot(robot)
     folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
     if demonstrations is not None:
@@ -113,7 +118,7 @@ def certify_command(
         certificate = certify(planned, out, workers=count, looks=plan.looks, robot=plan.robot, on_progress=told)
         page = write_certificate_page(certificate, out / "certificate.html")
         if write_package:
-            _write_package(certificate, kept, of_suite)
+            _write_package(certificate, kept, suite, of_suite)
     if json:
         print_json(certificate.sealed_json())
         return
@@ -148,12 +153,12 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
         OUT.print(f"demonstrations {path}", markup=False, soft_wrap=True)
 
 
-def _write_package(certificate: Certificate, kept: Coverage | None, tasks: tuple[str, ...]) -> None:
-    """Write the compact certificate into the package, and keep the coverage of other tasks."""
-    from betterbench.certification.coverage import PACKAGED, Coverage
+def _write_package(certificate: Certificate, kept: Coverage | None, suite: str, tasks: tuple[str, ...]) -> None:
+    """Write the compact form of a certificate into the package, with the coverage that is kept of other tasks."""
+    from betterbench.certification.coverage import Coverage, packaged_name
     from betterbench.certification.runner import write_coverage
 
     found = Coverage.of(certificate)
     with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
-        path = write_coverage(found if kept is None else found.joined(kept, tasks), folder / PACKAGED)
+        path = write_coverage(found if kept is None else found.joined(kept, tasks), folder / packaged_name(suite))
         say(f"packaged certificate: {path}")

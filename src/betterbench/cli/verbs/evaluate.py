@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.records import JournalEntry, RunFolder
     from betterbench.sim.worlds import World
+    from betterbench.tasks import TrialId
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
 """Time from the first steps to the first estimate, and between the first two log lines without any step [s]."""
@@ -416,7 +417,8 @@ class _RunLine:
         self.elapsed_s = 0.0
         self._draw = draw
         self._folder, self._start = RunFolder(out, {}, {}), "" if label is None else f"{label}: "
-        self._tally, self._outlook = RunTally(), Outlook(plan.world.step_limits(plan.trials))
+        self._tally = RunTally(frozenset(t.id for t in plan.trials if t.ambiguous))
+        self._outlook = Outlook(plan.world.step_limits(plan.trials))
         self._progress: Progress | None = None
         self._began_s = time.monotonic()
         self._next_line_s, self._estimated = 0.0, False
@@ -513,6 +515,11 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         interval = f"95 % interval {100 * rate.low:.0f} to {100 * rate.high:.0f}"
         shown = "no trials" if rate.value is None else f"{percent(k, n)} % success ({k}/{n}, {interval})"
         OUT.print(f"{name:<11} {shown}", markup=False)
+    ambiguous = counts["ambiguous"]["n"]
+    if ambiguous:
+        OUT.print(
+            f"ambiguous   {ambiguous} trials, which have no right or wrong outcome and are not counted", markup=False
+        )
     broken = counts["errors"]["k"]
     if broken:
         OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
@@ -521,7 +528,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
     if plan.policy == "expert" and plan.world.facts.measured:
-        _print_expert(run)
+        _print_expert(run, {t.id for t in plan.trials if t.ambiguous})
     following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world.facts.reading != "chains":  # chains (CALVIN) get no labels
@@ -529,11 +536,11 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     require_a_trial(run)
 
 
-def _print_expert(run: RunFolder) -> None:
-    """Print the reason for the expert's first failed trial, and the command that shows the trial."""
+def _print_expert(run: RunFolder, ambiguous: Collection[TrialId]) -> None:
+    """Print the obstacle in the expert's first failed trial, and the command that shows the trial."""
     from betterbench.tasks.user_files import options_for
 
-    failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]
+    failed = [e for e in run.entries() if e.status == "done" and e.key not in ambiguous and not run.outcome(e).success]
     if not failed:
         return
     first = next((e for e in failed if e.ground_truth.get("mishap")), failed[0])

@@ -25,10 +25,11 @@ from betterbench.json_form import open_form, open_seal, read_form, sealed_form
 from betterbench.quoting import shell_word
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.statistics.power import DEFAULT_ALPHA
-from betterbench.tasks import Expected, Label, Task, get_task
+from betterbench.tasks import Expected, Label, Task, built_in_suite, get_task, suite_tasks
 from betterbench.tasks.interventions import vary
 from betterbench.tasks.suite_folder import POWER
 from betterbench.tasks.user_files import options_for, suite_file, suite_folder_of
+from betterbench.tasks.worlds.facts import OUR_SUITE
 
 PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, in the folder ``data``."""
@@ -59,7 +60,9 @@ def power_cure(tasks: Iterable[str]) -> str:
     if options_for(chosen):
         measured = "measure it with better calibrate --power --suite FOLDER"
         return f"write the task into a suite folder (docs/own-tasks.md), and {measured}"
-    return "measure it again with better calibrate --power"
+    suite = built_in_suite(chosen)
+    named = "" if suite == OUR_SUITE else f" --tasks {' '.join(suite_tasks(suite))}"
+    return f"measure it again with better calibrate --power{named}"
 
 
 @open_form
@@ -370,8 +373,11 @@ def power_matrix_of(tasks: Iterable[str]) -> PowerMatrix | None:
     Raises:
         RecordError: If it is corrupt.
     """
+    tasks = tuple(tasks)
     own = suite_file(tasks, POWER)
-    return packaged_power_matrix() if own is None else PowerMatrix.from_json(own.read_bytes(), where=str(own))
+    if own is not None:
+        return PowerMatrix.from_json(own.read_bytes(), where=str(own))
+    return packaged_power_matrix(built_in_suite(tasks))
 
 
 def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
@@ -391,11 +397,16 @@ def measured_on(tasks: Iterable[str]) -> PowerMatrix | None:
 
 
 @cache
-def packaged_power_matrix() -> PowerMatrix | None:
-    """Return the packaged power matrix, or None if this build has none.
+def packaged_power_matrix(suite: str = OUR_SUITE) -> PowerMatrix | None:
+    """Return the power matrix of a built-in suite that ships with the package, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.
     """
-    file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED_MATRIX)
-    return PowerMatrix.from_json(file.read_bytes()) if file.is_file() else None
+    file = resources.files("betterbench.diagnosis").joinpath("data", packaged_matrix_name(suite))
+    return PowerMatrix.from_json(file.read_bytes(), where=file.name) if file.is_file() else None
+
+
+def packaged_matrix_name(suite: str) -> str:
+    """Return the name of the packaged power matrix's file for a built-in suite."""
+    return PACKAGED_MATRIX if suite == OUR_SUITE else f"power_{suite}.json"

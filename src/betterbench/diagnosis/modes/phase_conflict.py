@@ -54,6 +54,8 @@ def _find(trial: TrialView) -> Evidence | None:
     if episode.condition.mid_task_look and not episode.steps and halt is not None:
         text = "The scene looks like the middle of a demonstration, and the arm freezes without ever grasping."
         return episode.evidence("freeze_in_mid_task_scene", text, rows=halt)
+    if halt is None and episode.condition.expected is Expected.STAY_STILL:
+        return _oscillates(episode)
     if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
     if comes_down_to(episode.trace, episode.idle_from) in episode.wanted(episode.idle_from):
@@ -67,6 +69,21 @@ def _find(trial: TrialView) -> Evidence | None:
     way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
     where = f"between {listed(names)}" if (names := _names(episode, rows)) else "without a recognizable target"
     text = f"The empty gripper moves to and fro {where} until the end, {way:.1f} m in total, and never grasps."
+    return episode.evidence("to_and_fro", text, rows=rows)
+
+
+def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the empty gripper moves back and forth in a half-finished scene with nothing left to do."""
+    if not episode.condition.mid_task_look or episode.steps:
+        return None
+    rows = to_and_fro(episode.trace, 0)
+    if rows is None:
+        return None
+    way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
+    text = (
+        "The scene looks like the middle of a demonstration, nothing is left to do, and the empty gripper moves to "
+        f"and fro until the end, {way:.1f} m in total."
+    )
     return episode.evidence("to_and_fro", text, rows=rows)
 
 

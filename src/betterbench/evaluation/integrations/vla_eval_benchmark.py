@@ -142,7 +142,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     def get_tasks(self) -> list[dict[str, Any]]:
         """Return every condition as a task of the harness, such as "fast_food/T1" in the suite "fast_food"."""
-        named = dict.fromkeys((t.task, t.condition, t.expected) for t in self.plan.trials)
+        named = dict.fromkeys((t.task, t.condition, t.expected) for t in self.plan.trials if not t.ambiguous)
         return [
             {"name": f"{task}/{condition}", "suite": task, "condition": condition, "expected": expected}
             for task, condition, expected in named

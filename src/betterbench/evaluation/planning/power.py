@@ -17,8 +17,8 @@ failures.
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Describe the drops that a plan's trials can and cannot detect, overall, per axis and per variation."""
-    varied = [t for t in plan.trials if t.variation is not None]
+    """Return the drops that a plan's trials can and cannot detect, overall, within an axis and within a variation."""
+    varied = [t for t in plan.trials if t.variation is not None and not t.ambiguous]
     if plan.until_decided is not None:
         return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
     if not varied:
@@ -52,8 +52,8 @@ def what_trials_show(plan: Plan) -> str:
 
 
 def smallest_drop_line(plan: Plan) -> str:
-    """Return a short sentence about the smallest drop over all variations that a plan can detect."""
-    pairs = sum(t.variation is not None for t in plan.trials)
+    """Return a short sentence with the smallest drop over all variations that a plan's trials can detect."""
+    pairs = sum(t.variation is not None and not t.ambiguous for t in plan.trials)
     if not pairs:
         return "None tests a variation: the trials only show how well the training conditions were learned."
     found = _smallest(pairs, pairs, opposite=0.0)
@@ -62,7 +62,7 @@ def smallest_drop_line(plan: Plan) -> str:
 
 
 def _until_decided(rule: StoppingRule, varied: Sequence[tuple[str, str | None]]) -> str:
-    most = max(Counter(varied).values())
+    most = max(Counter(varied).values(), default=0)
     return (
         f"Each of the {len(set(varied))} variations gets {rule.first} to {most}, with its twins, until it is shown "
         f"that its success drops against them, or that it does not drop by {100 * rule.margin:.0f} points. Of the "

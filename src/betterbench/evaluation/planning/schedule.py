@@ -30,7 +30,8 @@ class Schedule:
         self._trials = {(_name(t.task, t.condition), t.seed): t for t in plan.trials}
         self._outcomes: dict[TrialId, bool] = {}
         varied = [t for t in plan.trials if t.variation is not None]
-        twins = {_name(t.task, t.condition): _name(t.task, str(t.base_condition)) for t in varied}
+        twins = {_name(t.task, t.condition): _name(t.task, str(t.base_condition)) for t in varied if not t.ambiguous}
+        self._unasked = tuple(dict.fromkeys(_name(t.task, t.condition) for t in varied if t.ambiguous))
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
         self._decisions: Decisions | None = None
@@ -44,7 +45,8 @@ class Schedule:
         while self._waiting and self._is_done(self._waiting[-1]):
             self._waiting.pop()
         if self._decisions is None or not self._waiting:
-            self._decisions = decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
+            rule, unasked = self.plan.until_decided, self._unasked
+            self._decisions = decide(self._questions, self._seeds, self._outcome, rule=rule, unasked=unasked)
             self._waiting = [self._trials[key].id for key in self._decisions.waiting]
         waiting = tuple(key for key in self._decisions.waiting if not self._is_done(self._trials[key].id))
         return replace(self._decisions, waiting=waiting)

@@ -8,19 +8,25 @@ from typing import Any, Literal
 
 from betterbench.errors import PolicyError
 from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks import Expected
 
 
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
     """Return the numbers of trials, successes (training conditions and variations) and broken trials, as n and k.
 
-    With ``seeds``, only successes with these seeds are counted.
+    Ambiguous trials are neither successes nor failures and have a number of their own. With ``seeds``, only trials with
+    these seeds are counted.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
+    counts["ambiguous"] = {"n": 0}
     for entry in run.entries():
         counts["errors"]["n"] += 1
         counts["errors"]["k"] += entry.status == "error"
     for record in run.records():
         if seeds is not None and record.metadata.seed not in seeds:
+            continue
+        if record.metadata.expected == Expected.AMBIGUOUS.value:
+            counts["ambiguous"]["n"] += 1
             continue
         group = counts["training" if record.metadata.variation is None else "variations"]
         group["n"] += 1

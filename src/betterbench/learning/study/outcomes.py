@@ -79,7 +79,7 @@ def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
             t.intention_correct,
             t.first_slot or t.first_attempt,
         )
-        for t in diagnosis.trials
+        for t in diagnosis.counted_trials
     )
 
 

@@ -132,7 +132,7 @@ def ask_about_run(
         if t.record is not None
         and t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)
         and (not tasks or t.task in tasks)
-        and not (failures_only and t.kind is Kind.NONE)
+        and not (failures_only and (t.kind is Kind.NONE or t.ambiguous))
     ]
     if not chosen:
         raise InvalidInputError(str(run.path), "no trials are left", "Leave out --failures-only or --tasks")

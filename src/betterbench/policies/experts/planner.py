@@ -106,6 +106,11 @@ class Planner:
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
 
     @property
+    def reach_m(self) -> float:
+        """Reach of the robot [m]."""
+        return self._robot.reach_m
+
+    @property
     def workspace(self) -> Workspace:
         """Distances of the robot's motions."""
         return self._robot.workspace

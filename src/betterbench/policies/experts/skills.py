@@ -320,13 +320,13 @@ class Skills:
         return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
 
     def wander(self, state: WorldState) -> Motion:
-        """Move back and forth in mid-air forever."""
+        """Move back and forth in mid-air forever, in swings that are in proportion to the reach of the arm."""
         start = state.commanded_pose
+        scale = self.planner.reach_m / SWING_REACH_M
         while True:
             for x, y in ((0.08, -0.15), (0.08, 0.15), (-0.05, 0.0)):
-                goal = Pose(
-                    (start.position[0] + x, start.position[1] + y, max(0.35, start.position[2])), start.quaternion
-                )
+                there = (start.position[0] + scale * x, start.position[1] + scale * y)
+                goal = Pose((*there, max(0.35 * scale, start.position[2])), start.quaternion)
                 state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
 
     def go_home(self, state: WorldState, home: Pose) -> Motion:
@@ -336,6 +336,9 @@ class Skills:
         way = self.planner.transit(state, home) or (home,)
         return (yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=4))
 
+
+SWING_REACH_M = 0.855
+"""Reach of the arm for which the swings of :meth:`Skills.wander` are given: the Panda [m]."""
 
 PAD_HALF_WIDTH_M = 0.010
 

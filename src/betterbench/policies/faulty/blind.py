@@ -25,10 +25,13 @@ class NoLanguage(BrokenRule):
 
 
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
-    """Return the instructions of the task that are possible in a trial's scene, in a stable order."""
-    task = situation.task
+    """Return the instructions of the task that are possible in a trial's scene, in a stable order.
+
+    One text may ask for other objects in another scene ("all the fruits"); the trial's own text keeps its meaning.
+    """
+    task, own = situation.task, situation.condition.instruction
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
-    known = {c.instruction.text: c.instruction for c in conditions}
+    known = {c.instruction.text: c.instruction for c in conditions} | {own.text: own}
     return tuple(known[text] for text in sorted(known) if _makes_sense(known[text], situation.condition))
 
 

@@ -32,12 +32,17 @@ class Refuse(BrokenRule):
 
 
 class Phase(BrokenRule):
-    """Freezes or wanders if the scene looks like the middle of a demonstration."""
+    """Freezes or wanders if the scene looks like the middle of a demonstration.
+
+    It wanders if the object of the next step is missing.
+    """
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
         if not self.condition.mid_task_look:
             return super().broken(state, history)
+        if self.absent_step(state) is not None:
+            return Wander()
         wanders = self.condition.expected is Expected.SUCCEED and self.draw("wander") < 0.5
         return Wander() if wanders else Freeze(None)
 

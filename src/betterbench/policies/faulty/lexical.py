@@ -26,7 +26,7 @@ class Lexical(BrokenRule):
         if step >= len(goals):
             return Rest()
         goal = goals[step]
-        places = self.trained.word_slots.get(goal.word, ())
+        places = self.slots_of_word(goal.word)
         if not places:
             return super().broken(state, history)
         earlier = sum(other.word == goal.word for other in goals[:step])

@@ -7,6 +7,7 @@ never to the record. It therefore serves as ground truth for the diagnosis, whic
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -27,7 +28,16 @@ from betterbench.policies.decisions import (
     carried,
     open_subgoals,
 )
-from betterbench.tasks import Expected, Label, Subgoal, TrainingDistribution, stream, training_distribution_of
+from betterbench.tasks import (
+    Condition,
+    Expected,
+    Label,
+    Subgoal,
+    TrainingDistribution,
+    stream,
+    training_distribution_of,
+)
+from betterbench.tasks.authoring.training_distribution import on_table
 
 STANDS_WITHIN_M = 0.06
 """Distance from a slot within which an object is in the slot: the jitter and a small push [m]."""
@@ -107,6 +117,67 @@ class BrokenRule(ExpertRule):
         ]
         near = [entry for entry in near if entry[0] < STANDS_WITHIN_M]
         return min(near)[1] if near else None
+
+    def slots_of_word(self, word: str) -> tuple[str, ...]:
+        """Return the slots from which training picked for a word, in this scene; see :meth:`_in_this_scene`."""
+        return self._in_this_scene(
+            self.trained.word_slots.get(word, ()),
+            lambda known, goal: known.resolve(goal.reference) if goal.word == word else (),
+        )
+
+    def slots_of_kind(self, kind: str) -> tuple[str, ...]:
+        """Return the slots from which training picked a requested kind, in this scene; see :meth:`_in_this_scene`."""
+        return self._in_this_scene(
+            self.trained.kind_slots.get(kind, ()),
+            lambda known, goal: [n for n in known.resolve(goal.reference) if known.object(n).kind == kind],
+        )
+
+    def _in_this_scene(
+        self, slots: tuple[str, ...], meant: Callable[[Condition, Subgoal], Sequence[str]]
+    ) -> tuple[str, ...]:
+        """Return the memorized slots that this scene recalls.
+
+        In most tasks a filled slot tells which layout of training the scene is, and all slots are returned. If all
+        layouts fill the same slots, it does not: the slots are then those of the training condition most like the
+        scene, in the order of its steps.
+        """
+        shown: list[tuple[Condition, tuple[str, ...]]] = []
+        for known in self.situation.task.training:
+            names = [n for goal in known.instruction.subgoals for n in meant(known, goal)]
+            own = tuple(dict.fromkeys(known.layout[n] for n in names if n in known.layout))
+            if own:
+                shown.append((known, own))
+        if len({frozenset(known.layout[n] for n in on_table(known)) for known, _ in shown}) != 1:
+            return slots
+        return max(shown, key=lambda one: self._likeness(one[0]))[1]
+
+    def _likeness(self, known: Condition) -> int:
+        """Return the number of slots that hold the same kind at the start of a training condition and of this trial."""
+        kinds = {slot: known.object(name).kind for name, slot in known.layout.items()}
+        return sum(kinds.get(slot) == self.condition.object(n).kind for n, slot in self.condition.layout.items())
+
+    def absent_step(self, state: WorldState) -> str | None:
+        """Return the slot of the next step of training if its object is not in the scene at all.
+
+        The steps are those of the most similar training condition with the same instruction. Steps before the absent
+        one must be finished, and there must be at least one. None if there is no such step.
+        """
+        text = self.condition.instruction.text
+        same = [known for known in self.situation.task.training if known.instruction.text == text]
+        if not same:
+            return None
+        known = max(same, key=self._likeness)
+        for number, goal in enumerate(known.instruction.subgoals):
+            names = known.resolve(goal.reference)
+            kinds = {known.object(n).kind for n in names}
+            here = [o.name for o in self.condition.objects if o.kind in kinds]
+            if not here:
+                return next((known.layout[n] for n in names if n in known.layout), None) if number else None
+            target = known.object(goal.target).kind
+            targets = [o.name for o in self.condition.objects if o.kind == target]
+            if not any(at_target(state, n, t, goal.relation, goal.region) for n in here for t in targets):
+                return None
+        return None
 
     def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
         """Return the decision to take the object in a slot, or to grasp at the slot if it is empty.

@@ -116,7 +116,8 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
     """Return every failed variation trial with a record, for start images with the path."""
-    return [t for t in diagnosis.trials if t.variation is not None and not t.success and t.record is not None]
+    varied = [t for t in diagnosis.counted_trials if t.variation is not None and t.record is not None]
+    return [t for t in varied if not t.success]
 
 
 def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:

@@ -39,7 +39,8 @@ def render_certificate(certificate: Certificate) -> str:
             training=[s for s in groups if s.training],
             seeds=seed_ranges(certificate.seeds).replace("-", "–").replace(",", ", "),
             passed=sum(t.passed for t in certificate.trials),
-            solved=sum(t.clauses["a"].passed for t in certificate.trials),
+            solved=certificate.solved,
+            ambiguous=len(certificate.ambiguous),
             failing=[t for t in certificate.trials if not t.passed],
             minutes=certificate.wall_s / 60.0,
         )

@@ -24,6 +24,7 @@ from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.knowledge import knowledge_view
 from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 from betterbench.report.outcomes import is_abroad
+from betterbench.report.pages.cell_pictures import ShownFilm, cell_pictures
 from betterbench.report.pages.listing import listing_of
 from betterbench.report.pages.pretenders import pretender_views, score_tables
 from betterbench.report.tables.exports import Export, exports_of
@@ -50,15 +51,6 @@ class ReportSetting:
     def mixed(self) -> bool:
         """Whether the policies differ in this setting."""
         return len(self.values) > 1
-
-
-@dataclass(frozen=True, slots=True)
-class ShownFilm:
-    """Film on the page: its number, its trial, and whether its twin has frames."""
-
-    number: int
-    film: Film
-    trial: TrialDiagnosis
 
 
 _HEAD_BYTES, _TITLE = 10_000, " · BeTTER</title>".encode()
@@ -193,6 +185,7 @@ def render_page(
         assets=assets,
         knowledge=[knowledge_view(known) for known in knowledge],
         matrices=matrices,
+        cell_pictures=cell_pictures(matrices, films, media),
         unfilled=unfilled,
         legend=[mode for mode in LEGEND.values() if mode.family in families_of(trials)],
         labels=LEGEND,

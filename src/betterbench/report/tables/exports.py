@@ -120,8 +120,9 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     )  # fmt: skip
     rows = tuple(
         (
-            d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected, t.success,
-            t.label.value, t.kind.value, t.intended, t.intended_kind, " ".join(t.intended_any), t.first_attempt,
+            d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected,
+            None if t.ambiguous else t.success, t.label.value, t.kind.value, t.intended, t.intended_kind,
+            " ".join(t.intended_any), t.first_attempt,
             t.first_attempt_kind, t.first_slot, t.intention_correct, t.progress,
             len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
             " ".join(t.evidence.shared), " ".join(t.evidence.candidates), "; ".join(t.harm),

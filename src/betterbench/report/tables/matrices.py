@@ -13,7 +13,7 @@ from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
 from betterbench.tasks.authoring.condition_matrix import Horizon, State
 from betterbench.tasks.interventions.resolve import resolve_condition
-from betterbench.tasks.labels import Label, all_labels
+from betterbench.tasks.labels import Kind, Label, all_labels
 from betterbench.tasks.suite.fruit_basket import LONG_MATRIX, SHORT_MATRIX
 from betterbench.tasks.worlds.facts import facts_of_task
 
@@ -23,6 +23,8 @@ PAPER: Mapping[Horizon, tuple[tuple[str, ...], ...]] = {
 }
 """Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. The paper gives no
 counts."""
+
+NO_TRIALS = Rate(0, 0)
 
 SHOWN = 4
 """Number of conditions that the note of an empty cell names."""
@@ -48,6 +50,7 @@ class MatrixSource:
     Attributes:
         labels: Labels of its trials with their counts, the most frequent first.
         needless: Number of its successes that took a needless step.
+        twins: Success rate of the training twins of its trials that are in the run.
     """
 
     id: str
@@ -55,6 +58,7 @@ class MatrixSource:
     success: Rate
     labels: tuple[tuple[Label, int], ...]
     needless: int = 0
+    twins: Rate = NO_TRIALS
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +72,8 @@ class Cell:
         needless: Number of successes that took a needless step, such as an air grasp at an emptied slot.
         note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
+        twins: Success rate of the training twins: the same motions with the same seeds, without the change of the
+            scene. No trials in the cell of the training conditions.
     """
 
     row: State
@@ -78,6 +84,7 @@ class Cell:
     note: str
     paper: str
     needless: int = 0
+    twins: Rate = NO_TRIALS
 
     @property
     def ambiguous(self) -> bool:
@@ -130,6 +137,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
+    ended = {t.key: t for t in diagnosis.shown_trials if t.variation is None and t.kind is not Kind.UNFINISHED}
     for trial in diagnosis.shown_trials:
         if facts_of_task(trial.task).measured:
             trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
@@ -138,7 +146,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
         setting = resolve_condition(*name.split("/"))
         position = cell_of(setting)
         if position is not None:
-            groups.setdefault(position, []).append(_source(name, setting.condition, members))
+            groups.setdefault(position, []).append(_source(name, setting.condition, members, ended))
     return _matrix(diagnosis.policy, Horizon.SHORT, groups), _matrix(diagnosis.policy, Horizon.LONG, groups)
 
 
@@ -152,7 +160,8 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
             sources = " ".join(source.id for source in cell.sources)
             right = (None, rate.n, None, None, None) if cell.ambiguous else (rate.k, rate.n, rate.value, *ends)
             where = (matrix.policy, cell.row.value, cell.column.value, *right)
-            rows.append((*where, cell.needless, outcomes_text(cell.labels), sources, cell.note, cell.paper))
+            told = (cell.needless, outcomes_text(cell.labels), sources, cell.note, cell.paper)
+            rows.append((*where, *told, cell.twins.k, cell.twins.n))
     first = matrices[0] if matrices else None
     axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)
     columns = (
@@ -168,6 +177,8 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
         "conditions",
         "note",
         "paper",
+        "twin_k",
+        "twin_n",
     )
     name, caption = ("matrix", "No run.") if first is None else (first.name, first.caption)
     return Table(name, caption, columns, tuple(rows))
@@ -178,11 +189,15 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
     return ", ".join(f"{label.value} {count}" for label, count in labels)
 
 
-def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
-    """Return one condition's trial outcomes."""
+def _source(
+    name: str, condition: Condition, trials: Sequence[TrialDiagnosis], training: Mapping[str, TrialDiagnosis]
+) -> MatrixSource:
+    """Return one condition's trial outcomes, and those of its twins among the trials of training conditions."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
-    return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)
+    twins = [training[key].success for t in trials if (key := t.twin_key) is not None and key in training]
+    labels = _ranked(Counter(t.label for t in trials))
+    return MatrixSource(name, condition.expected, success, labels, needless, Rate(sum(twins), len(twins)))
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
@@ -210,7 +225,8 @@ def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -
         labels.update(dict(source.labels))
     note = "" if sources else _why_empty(position)
     needless = sum(source.needless for source in sources)
-    return Cell(position.row, position.column, tuple(sources), success, _ranked(labels), note, paper, needless)
+    twins = Rate(sum(s.twins.k for s in sources), sum(s.twins.n for s in sources))
+    return Cell(position.row, position.column, tuple(sources), success, _ranked(labels), note, paper, needless, twins)
 
 
 def _why_empty(position: CellPosition) -> str:

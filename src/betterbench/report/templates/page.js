@@ -115,8 +115,11 @@
     found = trials.filter((t) => wanted.every(([f, v]) => f.of(t) === v || (f.also && f.also(t, v)))
       && words.every((w) => t.words.includes(w)));
     if (SORTS[sort.value]) found.sort(SORTS[sort.value]);
-    const solved = found.filter((t) => t.success).length;
-    count.textContent = `${found.length} of ${trials.length} trials, ${solved} successful.`;
+    const counted = found.filter((t) => t.expected !== "ambiguous");
+    const solved = counted.filter((t) => t.success).length;
+    const rest = found.length - counted.length;
+    const aside = rest ? `, ${rest} ambiguous and not counted` : "";
+    count.textContent = `${found.length} of ${trials.length} trials, ${solved} successful${aside}.`;
     list.replaceChildren();
     drawn = 0;
     more();
@@ -305,6 +308,16 @@
   document.querySelectorAll("video.clip").forEach((clip) => {
     clip.addEventListener("error", () => clip.classList.add("broken"));  // the stills below show the same
     if (clip.error || !clip.canPlayType("video/mp4; codecs=avc1.64000a")) clip.classList.add("broken");
+  });
+  document.querySelectorAll("a.cell-film").forEach((cell) => {
+    const clip = document.querySelector(`${cell.hash} video.clip`);
+    if (!clip || clip.classList.contains("broken")) return;
+    cell.addEventListener("pointerenter", () => {  // the film plays in its cell; a click leads to it
+      if (cell.querySelector("video")) return;
+      const film = document.createElement("video");
+      Object.assign(film, { src: clip.src, muted: true, loop: true, playsInline: true });
+      film.addEventListener("loadeddata", () => { cell.replaceChildren(film); film.play(); }, { once: true });
+    });
   });
   document.querySelectorAll("button[data-png]").forEach((button) => {
     button.hidden = false;

@@ -24,7 +24,7 @@ from betterbench.sim.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.sim.scenes.rooms import Room
 from betterbench.sim.scenes.stage import WRIST_CAMERA, Quality, add_mounted_camera, stage_spec
 from betterbench.tasks import Condition, Looks, ObjectSpec, TargetRegion, Task, stream
-from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose
+from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose, joint_index
 from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.closed import MOUNTS
 from betterbench.tasks.relations.layer import LAYERS
@@ -104,7 +104,12 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
             poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
     flats = {name: _drawn_pose(task, condition, seed, name, chosen) for name in condition.preplaced}
     _move_apart(condition, flats, chosen)
+    together = _drawn_together(task, condition, seed, chosen)
     for name, place in condition.preplaced.items():
+        if name in together:
+            middle = Pose(_middle(task, chosen[place.target], place.region))
+            poses[name] = poses[place.target] @ middle @ together[name]
+            continue
         below = _below(condition, place)
         on = poses[below].apply(_middle(task, chosen[below], place.region))
         flat = flats[name]
@@ -175,8 +180,36 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: 
     return FlatPose(min(max(flat.x_mm, -x_most), x_most), min(max(flat.y_mm, -y_most), y_most), flat.yaw_deg)
 
 
+def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping[str, Asset]) -> dict[str, Pose]:
+    """Return the poses of objects that are pre-placed in one place, as one demonstration left them together.
+
+    The poses are ``T_middle_object``. The demonstration is drawn from those with the same assets, because objects in a
+    container lean on each other. Objects without such a demonstration are left out.
+    """
+    places: dict[TargetRegion, list[str]] = {}
+    for name, place in condition.preplaced.items():
+        places.setdefault(place, []).append(name)
+    found: dict[str, Pose] = {}
+    for place, names in places.items():
+        if len(names) < 2:
+            continue
+        # Names decide only which of several equal objects takes which pose.
+        names.sort(key=lambda n: (condition.object(n).kind, n))
+        objects = [(condition.object(n).kind, chosen[n].identity) for n in names]
+        on, relation = chosen[place.target].identity, task.template.relation
+        known = demonstrated(task, engine=engine_version()).joint_poses_at(on, relation, place.region)
+        posed = [poses for joint in known if (poses := joint.posed(objects)) is not None]
+        if posed:
+            kinds = [kind for kind, _ in objects]
+            drawn = posed[joint_index(task, seed, kinds=kinds, region=place.region, count=len(posed))]
+            found |= dict(zip(names, drawn, strict=True))
+    return found
+
+
 def _move_apart(condition: Condition, flats: dict[str, FlatPose], chosen: Mapping[str, Asset]) -> None:
     """Separate two objects that were drawn into the same container and would overlap.
+
+    This applies where no demonstration left the same assets together; see :func:`_drawn_together`.
 
     Each pose comes from a demonstration, but from two different ones. The objects keep their headings and their line,
     and rest on both sides of the container's center. Layers of a stack are regions of their own and do not move.

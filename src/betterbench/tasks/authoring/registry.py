@@ -6,7 +6,7 @@ Decorated functions register tasks; commands, task cards and tests are derived f
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -161,6 +161,12 @@ def suite_tasks(name: str) -> tuple[str, ...]:
     if name not in SUITES:
         raise UnknownNameError("suite", name, SUITES)
     return SUITES[name]
+
+
+def built_in_suite(tasks: Iterable[str]) -> str:
+    """Return the packaged suite that contains all of some tasks; better60 if none does, or without tasks."""
+    named = set(tasks)
+    return next((suite for suite, known in SUITES.items() if named <= set(known)), next(iter(SUITES)))
 
 
 def environment_id(task: str) -> str:

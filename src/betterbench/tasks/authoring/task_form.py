@@ -117,6 +117,7 @@ class _Condition:
     mid_task_look: bool = False
     premise_broken: bool = False
     cloth: _Text | None = None
+    watch_steps: Annotated[int, Field(ge=0, le=10**5)] = 0
 
 
 @strict_form
@@ -131,6 +132,7 @@ class _Variation:
     support: Support = Support.SEEN
     mid_task_look: bool = False
     premise_broken: bool = False
+    watch_steps: Annotated[int, Field(ge=0, le=10**5)] = 0
 
 
 @strict_form
@@ -396,6 +398,7 @@ def _condition(form: _Condition, names: _Names, path: str, *, name: str) -> Cond
         mid_task_look=form.mid_task_look,
         premise_broken=form.premise_broken,
         cloth=form.cloth,
+        watch_steps=form.watch_steps,
     )
 
 

@@ -103,7 +103,7 @@ class Template(Meta, Protocol):
         """Return the number of control steps after which an episode in the condition ends."""
         if condition.expected is Expected.STAY_STILL:
             return self.still_steps
-        return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals)
+        return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals) + condition.watch_steps
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
         """Return the violations of this pattern by a condition, or an empty tuple."""

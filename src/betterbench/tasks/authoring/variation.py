@@ -17,6 +17,8 @@ class Variation:
         hypothesis: Ability that a success demonstrates.
         base: Name of the training condition. Its trial with the same seed is the counterfactual twin.
         support: Whether all poses lie inside the training regime.
+        watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt in this time
+            is a failure.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Variation:
     support: Support = Support.SEEN
     mid_task_look: bool = False
     premise_broken: bool = False
+    watch_steps: int = 0
 
     def __post_init__(self) -> None:
         """Check that the name begins with the letter of an axis."""

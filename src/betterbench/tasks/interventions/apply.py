@@ -32,5 +32,6 @@ def vary(task: Task, variation: Variation) -> tuple[Condition, Changes]:
         expected=variation.expected,
         mid_task_look=variation.mid_task_look,
         premise_broken=variation.premise_broken,
+        watch_steps=variation.watch_steps,
     )
     return condition, changes

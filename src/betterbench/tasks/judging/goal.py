@@ -4,6 +4,7 @@ from betterbench.interface.state import SceneInfo, WorldState
 from betterbench.tasks.authoring.template import Template
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
+from betterbench.tasks.judging.aftermath import Aftermath
 from betterbench.tasks.judging.harm import Harm, HarmWatch
 from betterbench.tasks.judging.incremental import JudgingMemory
 from betterbench.tasks.judging.picked_slots import picked_slots
@@ -39,6 +40,9 @@ class GoalTracker:
                 condition.expected, info, asked=meant, rate_hz=control_rate_hz, step_limit=self._limit,
                 picked=picked_slots(condition.task, info),
             )  # fmt: skip
+        self._aftermath = None
+        if condition.watch_steps:
+            self._aftermath = Aftermath(info, rate_hz=control_rate_hz, picked=picked_slots(condition.task, info))
         self._ever_done = [False] * len(self._goals)
         self._done_before: tuple[bool, ...] | None = None
         self._in_order = True
@@ -73,7 +77,7 @@ class GoalTracker:
     def undecided_states(self) -> int:
         """Number of upcoming states in which the episode cannot succeed in any case."""
         if self._condition.expected is Expected.SUCCEED:
-            return max(0, self._dwell_steps - self._held_for)
+            return max(0, self._dwell_steps + self._condition.watch_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
 
     def update(self, state: WorldState) -> Truth:
@@ -85,7 +89,7 @@ class GoalTracker:
             return self._memory.truth
         truth = self._judge(state, at)
         # otherwise the result also depends on time
-        if not (truth.goal or self._settling or self._restraint is not None):
+        if not (truth.goal or self._settling or self._restraint is not None or self._aftermath is not None):
             self._memory.truth = truth
         return truth
 
@@ -102,6 +106,8 @@ class GoalTracker:
         goal = all(done) and in_order and not self._harm.found(state, at)
         if self._restraint is not None:
             self._forbidden = self._restraint.breaks(state, self._there(at)) or self._forbidden
+        if self._aftermath is not None:
+            self._aftermath.see(state, self._there(at), met=goal and self._held_for >= self._dwell_steps)
         success = self._succeeded(state, at, goal=goal)
         return Truth(self._memory.relations, done, self._in_order, goal, self._forbidden, success)
 
@@ -144,7 +150,10 @@ class GoalTracker:
         expected = self._condition.expected
         self._held_for = self._held_for + 1 if goal else 0
         if expected is Expected.SUCCEED:
-            return self._held_for > self._dwell_steps
+            if self._held_for <= self._dwell_steps + self._condition.watch_steps:
+                return False
+            self._forbidden = self._forbidden or (self._aftermath is not None and self._aftermath.attempted())
+            return not self._forbidden
         self._still_for = self._still_for + 1 if arm_still(state) else 0
         settled = state.step >= self._limit and self._still_for >= self._settle_steps and not self._forbidden
         if expected is Expected.STAY_STILL:

@@ -125,11 +125,15 @@ def fruit_basket() -> a.Task:
     def long(name: str, *do: Operation, title: str, says: str, expected: a.Expected = STILL) -> a.Variation:
         broken = expected is AMBIGUOUS
         started = lemon_in in do or in_basket in do
-        return a.Variation(name, do, title, says, "train3", expected, mid_task_look=started, premise_broken=broken)
+        # After the lemon, the paper's policy grasps at where the missing mangosteen lay: 10 s show whether it does.
+        watch = 200 if expected is a.Expected.SUCCEED and lemon_in not in do and no_lemon not in do else 0
+        return a.Variation(
+            name, do, title, says, "train3", expected, mid_task_look=started, premise_broken=broken, watch_steps=watch
+        )
 
     succeed = a.Expected.SUCCEED
     return a.Task(
-        version=1,
+        version=2,
         title="Packing a Fruit Basket",
         template=a.LOOSE_PACKING,
         slots=(NEAR, RIGHT, MIDDLE, LEFT, UNTRAINED, STAND),
