@@ -87,7 +87,8 @@ def test_nothing_but_the_register_asks_what_an_address_begins_with():
     trust = "evaluation/planning/trust.py: address.partition("  # options of an address of any kind
     assets = "sim/assets/catalogue/sources/source.py: address."  # sources of assets have a registry of their own
     urdf = "sim/assets/importing/urdf.py: "  # references of a URDF file to packages
-    assert [line for line in asking if not line.startswith((ray, trust, assets, urdf))] == []
+    models = "vlm/models/kind.py: address.partition("  # kinds of models of better vlm have a registry of their own
+    assert [line for line in asking if not line.startswith((ray, trust, assets, urdf, models))] == []
 
 
 def test_kinds_are_known_without_a_simulator_or_a_library_of_a_server():
