@@ -116,7 +116,8 @@ def test_a_certificate_covers_one_robot():
     plan = make_plan("expert", tasks=["morning_coffee"], trials=1)
     require_certified(plan)
     require_certified(make_plan("expert", tasks=["fruit_basket"], trials=1))
-    plan = make_plan("expert", tasks=["so101_table"], trials=1)
+    trial = Trial("so101_table", "train1", None, None, None, 0, "succeed")
+    plan = Plan("expert", (trial,), "so101_degrees", "state_only", "fast", "so101")
     with pytest.raises(InvalidInputError, match=r"is for the robot panda, but the run uses so101.*--robot so101"):
         require_certified(plan)
 
