@@ -29,8 +29,8 @@ _CALIBRATION = "betterbench_calibration"
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 
 VERBS = (
-    "doctor", "list", "assets", "review", "worlds", "premise", "import-better", "show", "generate", "build",
-    "certify", "calibrate", "eval", "collect", "teleop", "amplify", "dataset", "train", "study", "shortcuts",
+    "doctor", "list", "assets", "review", "real", "worlds", "premise", "import-better", "show", "generate", "build",
+    "place", "certify", "calibrate", "eval", "collect", "teleop", "amplify", "dataset", "train", "study", "shortcuts",
     "diagnose", "compare", "report", "export", "recipe", "mixture", "materialize", "view", "vqa", "vlm", "replay",
     "serve", "demo", "audit-paper",
 )  # fmt: skip
