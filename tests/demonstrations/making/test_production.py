@@ -15,14 +15,15 @@ import pytest
 from betterbench.demonstrations.making import production
 from betterbench.demonstrations.making.acceptance import acceptance_of, write_acceptance
 from betterbench.demonstrations.making.amplifier import AmplifierSettings
-from betterbench.demonstrations.making.attempt import amplify_attempt
-from betterbench.demonstrations.making.production import amplify, attempts_of, collect, method_of, set_hash
+from betterbench.demonstrations.making.attempt import amplify_attempt, collect_attempt
+from betterbench.demonstrations.making.production import amplify, attempts_of, collect, method_of, scene_of, set_hash
 from betterbench.demonstrations.making.sources import demonstrated_source, load_library
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation import check_record
 from betterbench.json_form import sealed_form
 from betterbench.policies.experts.planner import Planner
 from betterbench.records import RunFolder
+from betterbench.tasks import TrialId
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 pytestmark = pytest.mark.physics
@@ -274,3 +275,8 @@ def test_a_set_whose_folder_vanishes_while_it_is_made_is_whole_all_the_same(sour
     assert record_files(run) == record_files(sources)
     assert set_hash(RunFolder.open(out)) == set_hash(sources)
     assert len(attempts_of(out)) == len(attempts_of(sources.path))
+
+
+def test_an_arm_with_a_fixed_finger_moves_up_to_the_object_before_it_closes():
+    scene = scene_of(TrialId("fruit_basket", "train4", 21035931), "fast", "so101")
+    assert not collect_attempt(scene, 0).note.failure

@@ -173,6 +173,7 @@ class VariedSkills(Skills):
             state = yield from self._miss(state, name, way[-1], grasp)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         state = yield from self.wait(state, gripper=OPEN)
+        state = yield from self.close_up(state, plan, grasp)
         return state, grasp
 
     def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:

@@ -27,7 +27,7 @@ from betterbench.policies.experts.motion import (
     open_gripper,
     release_to,
 )
-from betterbench.policies.experts.planner import DOWN, Planner
+from betterbench.policies.experts.planner import DOWN, PickPlan, Planner
 from betterbench.tasks import TargetRegion
 from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Releases
 from betterbench.tasks.relations import PlaceGoal
@@ -115,12 +115,25 @@ class Skills:
         way = self.passing(state, plan.way, plan.width_m)
         state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
-        if plan.close is not plan.grasp:
-            beside = grasp @ (plan.grasp.inverse() @ plan.close)
-            state = yield from follow(
+        state = yield from self.close_up(state, plan, grasp)
+        return state, grasp
+
+    def close_up(self, state: WorldState, plan: PickPlan, grasp: Pose) -> Motion:
+        """Move from a grasp to the pose at which the gripper closes, where a fixed finger touches the object.
+
+        Args:
+            state: State at the grasp.
+            plan: Plan of the pick.
+            grasp: The executed grasp, which may differ from the planned one.
+        """
+        if plan.close is plan.grasp:
+            return state
+        beside = grasp @ (plan.grasp.inverse() @ plan.close)
+        return (
+            yield from follow(
                 state, (beside,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s, settle=4
             )
-        return state, grasp
+        )
 
     def grasp(self, state: WorldState, name: str) -> SkillRun:
         """Close the gripper and return whether the object is between the fingers."""
