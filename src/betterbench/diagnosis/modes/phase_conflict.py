@@ -21,7 +21,7 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.statistics.wording import listed
-from betterbench.tasks import Expected
+from betterbench.tasks import Expected, get_task
 from betterbench.tasks.labels import Label
 from betterbench.tasks.thresholds import DISPLACED
 
@@ -73,8 +73,12 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the empty gripper moves back and forth in a half-finished scene with nothing left to do."""
-    if not episode.condition.mid_task_look or episode.steps:
+    """Return evidence if the empty gripper moves back and forth where the object of a trained step is missing.
+
+    The scene looks half finished, and nothing is left to do: the paper's phase conflict II. Where all trained steps are
+    finished, restlessness alone is no evidence of a wrong phase.
+    """
+    if not episode.condition.mid_task_look or episode.steps or not _misses_an_object(episode):
         return None
     rows = to_and_fro(episode.trace, 0)
     if rows is None:
@@ -85,6 +89,18 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
         f"and fro until the end, {way:.1f} m in total."
     )
     return episode.evidence("to_and_fro", text, rows=rows)
+
+
+def _misses_an_object(episode: EpisodeAnalysis) -> bool:
+    """Return whether no object of the scene fits a step that training had for the same instruction."""
+    condition = episode.condition
+    present = {o.kind for o in condition.objects}
+    return any(
+        present.isdisjoint(known.object(name).kind for name in known.resolve(goal.reference))
+        for known in get_task(condition.task).training
+        if known.instruction.text == condition.instruction.text
+        for goal in known.instruction.subgoals
+    )
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
