@@ -19,7 +19,7 @@ from betterbench.evaluation.figures.views import seen_object
 from betterbench.interface.state import in_runs, inner_pixel
 from betterbench.vqa.asking import ask_set, prompt_for, read_answers, scores_of
 from betterbench.vqa.balance import choose_balanced
-from betterbench.vqa.blind import baselines
+from betterbench.vqa.blind import Baseline, baselines
 from betterbench.vqa.llm import ChatEndpoint, RefusedError, ScriptedChat, user_message
 from betterbench.vqa.nouns import indefinite, mistakable, plural_of
 from betterbench.vqa.phrasings import PHRASINGS
@@ -137,7 +137,15 @@ def test_the_blind_classifier_finds_what_words_give_away_and_nothing_else(leak):
     ]
     (found,) = baselines(asked, [c.turn for c in chosen])
     assert found.chance == 0.5
-    assert (found.blind / found.n > 0.95) if leak else found.is_balanced
+    assert (found.blind / found.n > 0.95) if leak else abs(found.excess_points) <= 5.0
+    assert found.is_balanced != leak
+
+
+@pytest.mark.parametrize(
+    ("n", "blind", "balanced"), [(127, 66, True), (1270, 660, False), (127, 80, False), (1270, 620, True)]
+)
+def test_an_excess_over_chance_is_named_if_it_is_more_than_scatter(n, blind, balanced):
+    assert Baseline("state", n, blind, 0, 0.465).is_balanced == balanced
 
 
 @pytest.mark.parametrize("count", [0, 60])

@@ -33,7 +33,7 @@ def print_set(made: QuestionSet) -> None:
     ]
     columns = ["type", "questions", "chance %", "majority %", "blind %", "blind − chance"]
     print_table(columns, rows, title=title)
-    over = [b.name for b in made.baselines if b.excess_points > TARGET_POINTS]
+    over = [b.name for b in made.baselines if not b.is_balanced]
     if over:
         text = f"Without the images, guesses exceed chance by more than {TARGET_POINTS:g} points on: {', '.join(over)}."
         OUT.print(f"{text} More trials, variations and cameras balance the set better.", markup=False)
