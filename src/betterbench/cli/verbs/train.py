@@ -152,9 +152,25 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Seq
         markup=False,
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
-    from betterbench.policies.kinds.learned import learned_address
-
     files = "" if recipe.built_in else loading_options()
-    chosen = " ".join(map(shell_word, tasks))
-    evaluation = f"better eval --policy {shell_word(learned_address(out))}{files} --tasks {chosen} --trials 3"
+    evaluation = evaluation_of(out, tasks, files)
     OUT.print(f"evaluate    {evaluation}", markup=False, soft_wrap=True)
+
+
+def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
+    """Return the command that evaluates a learner on its tasks, in its action space.
+
+    Args:
+        out: Folder of the learner.
+        tasks: Names of the tasks.
+        options: Options that load a file with the learner's family, with a leading space.
+    """
+    from betterbench.cli.robot_option import USUAL_OPTION
+    from betterbench.interface.actions import EE_DELTA
+    from betterbench.policies.kinds.learned import learned_address
+    from betterbench.sim.robots import robot_space
+
+    chosen = " ".join(map(shell_word, tasks))
+    usual = robot_space(USUAL_OPTION.of(tasks)) == EE_DELTA.name  # in which all learners answer
+    space = "" if usual else f" --action-space {EE_DELTA.name}"
+    return f"better eval --policy {shell_word(learned_address(out))}{options} --tasks {chosen}{space} --trials 3"
