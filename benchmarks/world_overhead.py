@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.episodes import Observer
-from betterbench.episodes.describe import TrialContext, describe
+from betterbench.episodes.description import TrialContext, describe
 from betterbench.episodes.episode import append_row
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +35,23 @@ def test_there_are_about_fifteen_names_and_each_is_there():
     assert 12 <= len(betterbench.__all__) <= 18
     assert all(getattr(betterbench, name).__doc__ for name in betterbench.__all__)
     assert set(betterbench.__all__) <= set(dir(betterbench))
+
+
+LAZY = re.compile(r"^ +\"[\w.]+\": \(([^)]*)\)", re.MULTILINE)
+
+
+def test_no_lazy_name_is_hidden_by_a_module_of_its_package():
+    """The import of a submodule sets an attribute of its package, which is then found before the lazy name."""
+    checked = 0
+    for file in Path(betterbench.__path__[0]).rglob("__init__.py"):
+        text = file.read_text(encoding="utf-8")
+        if "lazy_names(" in text:
+            modules = {path.stem for path in file.parent.iterdir() if not path.name.startswith("__")}
+            names = {name for listed in LAZY.findall(text) for name in re.findall(r"\"(\w+)\"", listed)}
+            names |= set(re.findall(r"\"(\w+)\"", text.partition("__all__")[2].partition("]")[0]))
+            assert not names & modules, file
+            checked += len(names)
+    assert checked > 100
 
 
 def test_the_type_of_a_policy_imports_no_simulator():

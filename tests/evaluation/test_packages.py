@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -61,3 +62,57 @@ def test_a_worker_imports_no_planner_no_special_functions_and_no_habits():
     modules = imported("import betterbench.evaluation.workers.worker, betterbench.evaluation.running.runner")
     assert not {"mink", "qpsolvers", "scipy.special", "scipy.sparse"} & modules
     assert "betterbench_calibration.independent.registry" not in modules
+
+
+POLICY = """
+import numpy as np
+from betterbench import PolicyInfo
+
+class Still:
+    info = PolicyInfo(name="still", action_space="ee_delta", needs_images=True)
+
+    def reset(self, start):
+        pass
+
+    def act(self, observation):
+        return np.zeros(7)
+"""
+HOSTED = """
+import sys, threading
+from multiprocessing import Pipe
+import numpy as np
+from betterbench.evaluation.serving.host import serve
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.kinds import make_policy
+
+here, there = Pipe()
+run = ("ee_delta", "standard", "", 20.0)
+threading.Thread(target=serve, args=("python:still_policy:Still", run, 30.0, 0, there), daemon=True).start()
+assert here.poll(60.0)
+info, batches, port = here.recv()
+assert (info.name, batches) == ("still", False)
+client = make_policy(f"openpi://127.0.0.1:{port}?preset=native")
+client.reset(EpisodeStart("go", 0, "ee_delta"))
+picture = np.zeros((64, 64, 3), np.uint8)
+joints, position, turn = np.zeros(7), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+seen = Observation("go", 0, {"front": picture}, joints, joints, position, turn, 0.08, {}, {})
+assert client.act(seen).shape == (1, 7)
+print(*sys.modules, sep="\\n")
+"""
+
+
+def test_a_host_serves_a_users_policy_without_simulator_pictures_or_tables(tmp_path):
+    (tmp_path / "still_policy.py").write_text(POLICY)
+    done = subprocess.run(
+        [sys.executable, "-c", HOSTED],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert done.returncode == 0, done.stderr
+    modules = set(done.stdout.split())
+    assert "betterbench.evaluation.serving.host" in modules
+    assert not {"mujoco", "pyarrow", "PIL", "scipy", "betterbench.sim", "betterbench.records"} & modules
+    assert "betterbench.tasks" not in modules

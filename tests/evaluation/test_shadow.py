@@ -13,8 +13,8 @@ from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.evaluation import named_trial
 from betterbench.evaluation.serving import shadow as serving
-from betterbench.evaluation.serving.sessions import ShadowSession
 from betterbench.evaluation.serving.shadow import KEPT, ShadowSimulation, ShadowSimulations
+from betterbench.evaluation.serving.shadow_sessions import ShadowSession
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.conventions.presets import PRESETS

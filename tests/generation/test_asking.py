@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 import threading
@@ -167,12 +168,14 @@ def test_the_objects_of_a_sentence_must_be_there(tmp_path):
     )
 
 
-DESK = next(s for s in write_scenarios("patterned_arrangement", 7) if s.groups["anchor"][0].tags[0] == "laptop")
+@functools.cache
+def the_desk():
+    return next(s for s in write_scenarios("patterned_arrangement", 7) if s.groups["anchor"][0].tags[0] == "laptop")
 
 
 def desk(instruction):
     """Return an answer with a laptop and three objects."""
-    return text({**answer_to_json(DESK), "instruction": instruction})
+    return text({**answer_to_json(the_desk()), "instruction": instruction})
 
 
 def arranged(model, folder, **options):
@@ -197,7 +200,7 @@ def test_an_instruction_of_a_model_with_another_goal_goes_back_with_the_word(tmp
 
 
 def test_a_place_of_the_request_must_be_in_the_instruction_of_a_model(tmp_path):
-    name = DESK.groups["items"][0].instance_name.replace("_", " ")
+    name = the_desk().groups["items"][0].instance_name.replace("_", " ")
     wanted = f"Put the {name} to the left of the laptop."
     model = Model(desk("Arrange the items around the laptop."), desk(wanted))
     found = arranged(model, tmp_path, sentence=wanted)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import copy
+import functools
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,32 +20,35 @@ from betterbench.generation.building.result import BuildReport
 from betterbench.generation.grammar import write_scenarios
 from betterbench.generation.scenario_form import scenario_to_json
 
-PACKING = scenario_to_json(write_scenarios("loose_packing", 1, seed=0)[0])
+
+@functools.cache
+def packing() -> dict[str, Any]:
+    return scenario_to_json(write_scenarios("loose_packing", 1, seed=0)[0])
 
 
 def written(folder: Path, name: str, **changes: object) -> Path:
     path = folder / name
-    path.write_text(json.dumps({**copy.deepcopy(PACKING), **changes}))
+    path.write_text(json.dumps({**copy.deepcopy(packing()), **changes}))
     return path
 
 
 def groups(**changes: object) -> dict[str, object]:
-    return {key: value for key, value in {**PACKING["instantiation"], **changes}.items() if value is not None}
-
-
-ITEMS = PACKING["instantiation"]["items"]
+    return {key: value for key, value in {**packing()["instantiation"], **changes}.items() if value is not None}
 
 
 @pytest.mark.parametrize(
-    ("instantiation", "said"),
+    ("changed", "said"),
     [
-        (groups(ghosts=ITEMS), "Unknown group 'ghosts'"),
-        (groups(container=None), "instantiation.container: has 0 objects"),
-        (groups(items=[]), "instantiation.items: has 0 objects"),
-        (groups(items=[ITEMS[0], ITEMS[0], ITEMS[1]]), "is also the name of instantiation.items[0]"),
+        (lambda items: {"ghosts": items}, "Unknown group 'ghosts'"),
+        (lambda _: {"container": None}, "instantiation.container: has 0 objects"),
+        (lambda _: {"items": []}, "instantiation.items: has 0 objects"),
+        (lambda items: {"items": [items[0], items[0], items[1]]}, "is also the name of instantiation.items[0]"),
     ],
 )
-def test_objects_that_the_template_cannot_use_are_named_with_the_file(tmp_path, instantiation, said) -> None:
+def test_objects_that_the_template_cannot_use_are_named_with_the_file(
+    tmp_path: Path, changed: Callable[[Any], dict[str, object]], said: str
+) -> None:
+    instantiation = groups(**changed(packing()["instantiation"]["items"]))
     path = written(tmp_path, "001_packing.json", instantiation=instantiation)
     with pytest.raises(InvalidInputError) as caught:
         read_scenarios([path])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import re
 import shutil
@@ -80,14 +81,24 @@ def build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., tupl
     return run
 
 
-PACKING = write_scenarios("loose_packing", 1, seed=0)[0]
-ARRANGING = next(s for s in write_scenarios("patterned_arrangement", 9, seed=0) if "laptop" in s.instruction)
-"""A desk, whose pattern has several tables; a place setting has one."""
-STACKING = write_scenarios("recursive_stacking", 1, seed=0)[0]
+@functools.cache
+def packing() -> Scenario:
+    return write_scenarios("loose_packing", 1, seed=0)[0]
+
+
+@functools.cache
+def arranging() -> Scenario:
+    """Return a desk, whose pattern has several tables; a place setting has one."""
+    return next(s for s in write_scenarios("patterned_arrangement", 9, seed=0) if "laptop" in s.instruction)
+
+
+@functools.cache
+def stacking() -> Scenario:
+    return write_scenarios("recursive_stacking", 1, seed=0)[0]
 
 
 def test_a_certified_task_is_part_of_a_suite_that_can_be_read(build, tmp_path: Path) -> None:
-    built, _ = build([PACKING, STACKING], failing())
+    built, _ = build([packing(), stacking()], failing())
     assert [r.certified for r in built.results] == [True, True]
     assert [len(r.attempts) for r in built.results] == [1, 1]
     assert built.suite is not None
@@ -104,7 +115,7 @@ def test_a_certified_task_is_part_of_a_suite_that_can_be_read(build, tmp_path: P
 
 
 def test_a_failing_variation_is_left_out_with_its_clause(build) -> None:
-    built, _ = build([PACKING], failing("L1"))
+    built, _ = build([packing()], failing("L1"))
     (result,) = built.results
     assert result.certified
     assert [(f.condition, f.clause, f.seeds, f.text) for f in result.left_out] == [("L1", "a", (0, 1), "it slipped")]
@@ -121,7 +132,7 @@ def test_other_slots_are_tried_when_training_fails(build) -> None:
             seen.append(slots)
         return name == "train1" and seen.index(slots) == 0
 
-    built, runs = build([ARRANGING], fails)
+    built, runs = build([arranging()], fails)
     (result,) = built.results
     assert result.certified
     assert [a.change for a in result.attempts] == ["as described", "other slots"]
@@ -131,7 +142,7 @@ def test_other_slots_are_tried_when_training_fails(build) -> None:
 
 def test_a_task_whose_training_is_not_in_view_is_refused_before_the_certificate(build, in_view: set[str]) -> None:
     in_view.add("train2")
-    built, runs = build([ARRANGING], failing())
+    built, runs = build([arranging()], failing())
     (result,) = built.results
     assert not result.certified
     assert runs == []
@@ -144,7 +155,7 @@ def test_a_task_whose_training_is_not_in_view_is_refused_before_the_certificate(
 
 def test_a_variation_that_is_not_in_view_is_left_out(build, in_view: set[str], tmp_path: Path) -> None:
     in_view.add("L1")
-    built, _ = build([PACKING], failing("R1"))
+    built, _ = build([packing()], failing("R1"))
     (result,) = built.results
     assert result.certified
     assert [(f.condition, f.clause) for f in result.left_out] == [("R1", "a"), ("L1", "view")]
@@ -163,7 +174,7 @@ def test_training_with_placed_objects_is_drawn_after_the_demonstrations(build, i
         return checked(task, conditions, seeds=seeds)
 
     monkeypatch.setattr(attempts_module, "badly_framed", badly_framed)
-    built, _ = build([STACKING], failing())
+    built, _ = build([stacking()], failing())
     assert built.results[0].certified
     before, after = shown
     assert not any(before)
@@ -173,7 +184,7 @@ def test_training_with_placed_objects_is_drawn_after_the_demonstrations(build, i
     assert sum(after) >= len(placed)
 
     in_view.add(placed[0])
-    built, runs = build([STACKING], failing(), out="unseen")
+    built, runs = build([stacking()], failing(), out="unseen")
     assert not built.results[0].certified
     assert runs
     assert built.results[0].attempts[0].reason == "a training condition is not in view"
@@ -213,14 +224,14 @@ def test_more_demonstrations_are_measured_when_a_pose_is_outside_of_training(mon
         )
 
     monkeypatch.setattr(attempts_module, "prove", prove)
-    (result,) = build_suite([PACKING], tmp_path / "out", name="kitchen", settings=Settings(2, 4)).results
+    (result,) = build_suite([packing()], tmp_path / "out", name="kitchen", settings=Settings(2, 4)).results
     assert result.certified
     assert result.attempts[-1].change == "three times the demonstrations"
     assert numbers == [4, 12]
 
 
 def test_what_cannot_be_certified_is_refused_with_everything_that_was_tried(build, tmp_path: Path) -> None:
-    built, _ = build([PACKING], failing("train1"))
+    built, _ = build([packing()], failing("train1"))
     (result,) = built.results
     assert not result.certified
     assert built.suite is None
@@ -230,15 +241,15 @@ def test_what_cannot_be_certified_is_refused_with_everything_that_was_tried(buil
 
 
 def test_too_few_variations_are_no_task(build) -> None:
-    built, _ = build([PACKING], failing("L", "R", "T"))
+    built, _ = build([packing()], failing("L", "R", "T"))
     assert not built.results[0].certified
     assert "variations over" in built.results[0].attempts[0].reason
 
 
 def test_an_unknown_object_is_refused_by_name(build) -> None:
-    (group, items) = ("items", PACKING.groups["items"])
+    (group, items) = ("items", packing().groups["items"])
     strange = dataclasses.replace(items[0], asset_query="bowling ball", description="a bowling ball")
-    scenario = dataclasses.replace(PACKING, groups={**PACKING.groups, group: (strange, *items[1:])})
+    scenario = dataclasses.replace(packing(), groups={**packing().groups, group: (strange, *items[1:])})
     built, runs = build([scenario], failing())
     assert not runs
     assert "no asset suits 'bowling ball'" in built.results[0].attempts[0].reason
@@ -246,44 +257,48 @@ def test_an_unknown_object_is_refused_by_name(build) -> None:
 
 @pytest.mark.parametrize("name", ["twice", "A", "train1"])
 def test_objects_without_a_name_of_their_own_do_not_stop_the_other_scenarios(build, name: str) -> None:
-    items = tuple(dataclasses.replace(o, instance_name=name) for o in PACKING.groups["items"])
-    built, _ = build([dataclasses.replace(PACKING, groups={**PACKING.groups, "items": items}), STACKING], failing())
+    items = tuple(dataclasses.replace(o, instance_name=name) for o in packing().groups["items"])
+    built, _ = build(
+        [dataclasses.replace(packing(), groups={**packing().groups, "items": items}), stacking()], failing()
+    )
     assert [r.certified for r in built.results] == [False, True]
     assert "is also the name of" in built.results[0].attempts[0].reason
 
 
 def test_an_instruction_that_asks_for_another_goal_is_refused_without_an_attempt(build) -> None:
-    false = dataclasses.replace(PACKING, instruction="Put the apple on top of the lunchbox.")
+    false = dataclasses.replace(packing(), instruction="Put the apple on top of the lunchbox.")
     built, runs = build([false], failing())
     assert not runs
     assert "asks for 'on top of'" in built.results[0].attempts[0].reason
 
 
 def test_an_object_with_the_name_of_a_slot_does_not_stop_the_other_scenarios(build) -> None:
-    built, _ = build([PACKING], failing())
+    built, _ = build([packing()], failing())
     slot = built.results[0].task["slots"][0]["name"]
-    first, *items = PACKING.groups["items"]
+    first, *items = packing().groups["items"]
     named = (dataclasses.replace(first, instance_name=slot), *items)
-    built, runs = build([dataclasses.replace(PACKING, groups={**PACKING.groups, "items": named}), STACKING], failing())
+    built, runs = build(
+        [dataclasses.replace(packing(), groups={**packing().groups, "items": named}), stacking()], failing()
+    )
     assert [r.certified for r in built.results] in ([False, True], [True, True])
     assert len(runs) == sum(r.certified for r in built.results)
 
 
 def test_a_wrong_name_of_the_suite_is_refused_before_the_work(build, tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="'My Suite' is not a name"):
-        build_suite([PACKING], tmp_path / "out", name="My Suite")
+        build_suite([packing()], tmp_path / "out", name="My Suite")
     assert not (tmp_path / "out").exists()
 
 
 def test_the_same_job_gives_the_same_bytes_and_repeats_nothing(build, tmp_path: Path) -> None:
-    first, runs = build([PACKING, STACKING], failing())
+    first, runs = build([packing(), stacking()], failing())
     assert len(runs) == 2
     before = {p.relative_to(first.suite): p.read_bytes() for p in first.suite.rglob("*") if p.is_file()}
-    again, runs = build([PACKING, STACKING], failing())
+    again, runs = build([packing(), stacking()], failing())
     assert (again, runs) == (first, [])
     shutil.rmtree(tmp_path / "out")
-    build([PACKING], failing())  # interrupted after the first scenario
-    resumed, runs = build([PACKING, STACKING], failing())
+    build([packing()], failing())  # interrupted after the first scenario
+    resumed, runs = build([packing(), stacking()], failing())
     assert len(runs) == 1
     assert resumed == first
     assert {p.relative_to(first.suite): p.read_bytes() for p in first.suite.rglob("*") if p.is_file()} == before
@@ -291,7 +306,7 @@ def test_the_same_job_gives_the_same_bytes_and_repeats_nothing(build, tmp_path: 
 
 @pytest.mark.parametrize("name", ["../../etc", "<b>Löwe</b>", "42", "fruit lunch", "a" * 500, "—"])
 def test_names_of_scenarios_become_safe_names_of_tasks(build, name: str, tmp_path: Path) -> None:
-    twice = [dataclasses.replace(PACKING, name=name), dataclasses.replace(STACKING, name=name)]
+    twice = [dataclasses.replace(packing(), name=name), dataclasses.replace(stacking(), name=name)]
     built, _ = build(twice, failing())
     ids = [r.task_id for r in built.results]
     assert len(set(ids)) == 2
@@ -301,28 +316,28 @@ def test_names_of_scenarios_become_safe_names_of_tasks(build, name: str, tmp_pat
 
 
 def test_a_damaged_result_is_named(build, tmp_path: Path) -> None:
-    built, _ = build([PACKING], failing())
+    built, _ = build([packing()], failing())
     file = tmp_path / "out" / "built" / f"{built.results[0].task_id}.json"
     file.write_text("{")
     with pytest.raises(InvalidInputError, match=file.name):
-        build([PACKING], failing())
+        build([packing()], failing())
 
 
 def test_a_changed_result_is_named_and_not_certified(build, tmp_path: Path) -> None:
-    built, _ = build([PACKING], failing("train1"))
+    built, _ = build([packing()], failing("train1"))
     file = tmp_path / "out" / "built" / f"{built.results[0].task_id}.json"
-    file.write_text(file.read_text().replace(PACKING.name, "Another title"))
+    file.write_text(file.read_text().replace(packing().name, "Another title"))
     with pytest.raises(InvalidInputError, match=f"{file.name}.*changed.*Remove the file"):
-        build([PACKING], failing())
+        build([packing()], failing())
 
 
 def test_a_result_of_another_version_is_made_again(build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    build([PACKING], failing())
+    build([packing()], failing())
     file = next((tmp_path / "out" / "built").iterdir())
     form = {k: v for k, v in json.loads(file.read_text()).items() if k not in ("seal", "chosen")}
     form |= {"key": "of another version", "new_field": 1}
     file.write_text(json.dumps({**form, "seal": seal_of(form)}))
-    again, runs = build([PACKING], failing())
+    again, runs = build([packing()], failing())
     assert len(runs) == 1
     assert again.results[0].certified
 
@@ -332,12 +347,16 @@ def test_no_text_of_a_scenario_is_markup_on_the_page_or_a_name_of_a_file(
     build, tmp_path: Path, certified: bool
 ) -> None:
     evil = """<script>alert("1")</script> {{ 7*7 }} '"><img src=x> ../../up $(id)"""
-    items = PACKING.groups["items"]
+    items = packing().groups["items"]
     said = tuple(dataclasses.replace(o, description=f"{o.description} {evil}", tags=(evil,)) for o in items)
     if not certified:
         said = (dataclasses.replace(said[0], asset_query=evil), *said[1:])
     scenario = dataclasses.replace(
-        PACKING, name=evil, instruction=re.sub(r"\d", "", evil), context=evil, groups={**PACKING.groups, "items": said}
+        packing(),
+        name=evil,
+        instruction=re.sub(r"\d", "", evil),
+        context=evil,
+        groups={**packing().groups, "items": said},
     )
     built, _ = build([scenario], failing())
     assert built.results[0].certified == certified
@@ -356,7 +375,7 @@ def test_no_text_of_a_scenario_is_markup_on_the_page_or_a_name_of_a_file(
 
 def test_a_variation_that_every_faulty_policy_solves_is_named_on_the_page(build, tmp_path: Path) -> None:
     """``zoo:halt`` fails each new combination, so its failure shows nothing about the variation."""
-    built, _ = build([PACKING], failing())
+    built, _ = build([packing()], failing())
     (result,) = built.results
     blind, sharp = (result.task_id, "L1"), (result.task_id, "R1")
     solved, failed = PowerCell(1, 1, 1), PowerCell(0, 1, 0, wrong={"early_halt": 1}, failed={"early_halt": 1})

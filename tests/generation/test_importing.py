@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from tests.generation.test_building import PACKING, failing, proven
+from tests.generation.test_building import failing, packing, proven
 
 from betterbench.generation.building import attempts as attempts_module
 from betterbench.generation.building.casting import cast_of
@@ -54,8 +54,8 @@ def test_an_object_that_the_library_lacks_is_imported_from_the_catalogue_of_the_
 ) -> None:
     monkeypatch.setattr(attempts_module, "prove", proven(failing(), []))
     monkeypatch.setattr(attempts_module, "badly_framed", lambda *_, **__: ())
-    _, *others = PACKING.groups["items"]
-    scenario = dataclasses.replace(PACKING, groups={**PACKING.groups, "items": (ERASER, *others)})
+    _, *others = packing().groups["items"]
+    scenario = dataclasses.replace(packing(), groups={**packing().groups, "items": (ERASER, *others)})
     told: list[ImportedMeshes] = []
 
     def build(out: str, catalogue: Path | None):
@@ -90,8 +90,8 @@ def test_a_mesh_that_fails_its_certificate_is_named_with_the_check(meshes: Path,
     trimesh.creation.box((0.005, 0.005, 0.9)).export(tmp_path / "poles" / "pole.glb")
     options = SourceOptions(name="poles", license="CC0 1.0")
     index_sources(meshes, [open_source(str(tmp_path / "poles"), options)], on_progress=lambda *_: None)
-    _, *others = PACKING.groups["items"]
-    scenario = dataclasses.replace(PACKING, groups={**PACKING.groups, "items": (big, *others)})
+    _, *others = packing().groups["items"]
+    scenario = dataclasses.replace(packing(), groups={**packing().groups, "items": (big, *others)})
     told: list[ImportedMeshes] = []
     result = build_suite([scenario], tmp_path / "out", name="mine", meshes=meshes, on_import=told.append).results[0]
     assert not result.certified

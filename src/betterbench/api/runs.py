@@ -17,7 +17,7 @@ from betterbench.evaluation import Plan, Progress, make_plan
 from betterbench.evaluation import evaluate as run_plan
 from betterbench.evaluation.running.summary import require_a_trial
 from betterbench.evaluation.trials.given_policy import GivenPolicy
-from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
+from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
 from betterbench.interface import Policy
 from betterbench.jobs import OnCount
 from betterbench.quoting import default_name

@@ -5,16 +5,19 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Generator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from betterbench.episodes.answers import Question, Reply, answer
-from betterbench.episodes.observer import Observer, Views
 from betterbench.errors import InvalidActionError
 from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import PrivilegedPolicy, WorldState
-from betterbench.sim.worlds import TrialScene
+
+if TYPE_CHECKING:  # a server of policies, which checks their chunks, needs no simulator
+    from betterbench.episodes.observer import Observer, Views
+    from betterbench.sim.worlds import TrialScene
 
 
 class Chunks:

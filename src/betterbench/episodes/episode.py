@@ -11,7 +11,7 @@ import numpy as np
 
 from betterbench.episodes.answers import Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
-from betterbench.episodes.describe import TrialContext, describe
+from betterbench.episodes.description import TrialContext, describe
 from betterbench.episodes.heap import settled_heap
 from betterbench.episodes.observer import Observer
 from betterbench.errors import (

@@ -29,6 +29,9 @@ JOINT_STEP_PER_UNIT_RAD = 0.1
 rad/s.
 """
 
+CONTROL_RATE_HZ = 20.0
+"""Control rate of our own scenes [Hz]; other worlds have their own."""
+
 USUAL_ROBOT = "panda"
 """Default robot, for scenes, plans and files that do not name one."""
 

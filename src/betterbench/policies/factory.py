@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from betterbench.errors import HandshakeError, InvalidInputError
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
+from betterbench.interface.actions import CONTROL_RATE_HZ
 from betterbench.interface.state import AnyPolicy
 from betterbench.jobs.conflict import first_difference
 from betterbench.policies.clients.connection import ConnectionLimits
@@ -16,8 +17,9 @@ from betterbench.policies.description import describe_policy
 from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
-from betterbench.sim.scenes import CONTROL_RATE_HZ
-from betterbench.sim.worlds import TrialScene
+
+if TYPE_CHECKING:  # the process that hosts a policy needs no simulator
+    from betterbench.sim.worlds import TrialScene
 
 SOURCE = "source file"
 """Metadata key for the file of a Python policy and its SHA-256."""

@@ -23,7 +23,8 @@ from betterbench.evaluation.running.failing_start import FailingStart
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.given_policy import needs_in_run
-from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
+from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
+from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.step_count import StepCount, StepReport
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs

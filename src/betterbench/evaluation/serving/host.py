@@ -15,13 +15,12 @@ from typing import Self
 
 from betterbench.errors import BetterError, PolicyError
 from betterbench.evaluation.serving.server import open_server
-from betterbench.evaluation.trials.shared_policy import Deadline
-from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
+from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S, Deadline
 from betterbench.interface import PolicyInfo
+from betterbench.interface.actions import CONTROL_RATE_HZ
 from betterbench.jobs.worker_process import SpawnedProcess, interrupts_blocked, prepare_process
 from betterbench.policies.clients.connection import LONGEST_WAIT_S
 from betterbench.policies.factory import PolicyFactory
-from betterbench.sim.scenes import CONTROL_RATE_HZ
 
 logger = logging.getLogger(__name__)
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import logging
 import platform
 import threading
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.serving.memory import return_memory
-from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
-from betterbench.evaluation.serving.shadow import ShadowSimulations
+from betterbench.evaluation.serving.sessions import PolicySession
 from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
-from betterbench.interface.actions import EE_DELTA, USUAL_ROBOT, ActionSpace, action_space
+from betterbench.interface.actions import CONTROL_RATE_HZ, USUAL_ROBOT, ActionSpace, action_space
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import PROTOCOL
@@ -23,12 +23,10 @@ from betterbench.policies.conventions.presets import NATIVE, own_preset
 from betterbench.policies.kinds import kind_of, make_policy, needs_of
 from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
-from betterbench.sim.robots import robot as robot_named
-from betterbench.sim.scenes import engine_version
-from betterbench.sim.scenes.scene import CONTROL_RATE_HZ
-from betterbench.tasks import TrialId
-from betterbench.tasks.interventions import resolve_condition
 from betterbench.version import __version__
+
+if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+    from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
@@ -94,6 +92,8 @@ def open_server(
             f"policy {policy}", "a replay belongs to one trial, so it cannot be served", "Evaluate it directly"
         )
     if trial is not None:
+        from betterbench.tasks.interventions import resolve_condition  # noqa: PLC0415 - a run's host needs no tasks
+
         resolve_condition(trial.task, trial.condition)
     if layout is not None and not needs.state:
         raise InvalidInputError(
@@ -103,10 +103,14 @@ def open_server(
         )
     kind.describe(kind.parse(policy))  # report a missing checkpoint now, not to the first client
     if needs.state:
+        # with MuJoCo, which only an expert needs
+        from betterbench.evaluation.serving.shadow import ShadowSimulations  # noqa: PLC0415
+        from betterbench.evaluation.serving.shadow_sessions import ShadowSession, require_layout  # noqa: PLC0415
+
         shadows = ShadowSimulations(policy, robot=robot)
         adapter = None if layout in (None, NATIVE.name) else own_preset(str(layout))
         if adapter is not None:
-            _require_layout(adapter, robot, shadows.action_space)
+            require_layout(adapter, robot, shadows.action_space)
         return PolicyServer(
             lambda: ShadowSession(shadows, chunk, trial, adapter),
             metadata=_shadow_metadata(policy, chunk, trial, adapter, shadows.action_space),
@@ -129,17 +133,6 @@ def open_server(
     except BaseException:
         store.close()
         raise
-
-
-def _require_layout(layout: Adapter, robot: str, own_space: str) -> None:
-    """Raise InvalidInputError if actions in a robot's own space cannot be answered in a layout."""
-    space, spec = layout.answer.space, robot_named(robot)
-    if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
-        raise InvalidInputError(
-            "--layout",
-            f"{layout.name} answers in {space!r}, and the {spec.title} is served in {own_space!r}",
-            "Give a layout of this action space, or leave out --layout",
-        )
 
 
 def _shadow_metadata(
@@ -253,7 +246,7 @@ def declare(
             "batch": batch,
             "execution": asdict(execution),
             "version": __version__,
-            "engine": f"mujoco {engine_version()}",
+            "engine": f"mujoco {importlib.metadata.version('mujoco')}",  # takes 2 ms, and its import 200
             "machine": platform.machine(),
         }
     }

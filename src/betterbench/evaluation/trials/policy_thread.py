@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
 from betterbench.errors import PolicyError
@@ -16,7 +17,9 @@ from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.interface.state import WorldState
 from betterbench.policies.factory import close_policy
 from betterbench.policies.process.policy_process import PolicyProcess
-from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+    from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True, eq=False)

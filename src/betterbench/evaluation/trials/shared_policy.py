@@ -13,6 +13,9 @@ from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy
 from betterbench.policies.batching import BatchCollector
 from betterbench.policies.factory import close_policy
 
+POLICY_TIMEOUT_S = 300.0
+"""Default deadline of one answer of a policy in this process [s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Deadline:

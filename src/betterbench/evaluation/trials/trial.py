@@ -19,6 +19,7 @@ from betterbench.errors import (
     encodable,
 )
 from betterbench.evaluation.planning.plan import Plan
+from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.interface.state import AnyPolicy
@@ -34,9 +35,6 @@ from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 logger = logging.getLogger(__name__)
-
-POLICY_TIMEOUT_S = 300.0
-"""Default deadline of one answer of a policy in this process [s]."""
 
 _SPARE_RENDERERS = 3
 

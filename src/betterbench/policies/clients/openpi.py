@@ -20,7 +20,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 from uuid import uuid4
 
 import numpy as np
@@ -49,7 +49,9 @@ from betterbench.policies.protocols.wire import (
     encode_openpi,
     marks_arrays_as_nd,
 )
-from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+    from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
 _SESSION = "session_id"

@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.interface.actions import CONTROL_RATE_HZ
 from betterbench.json_form import NO_TRUTH, read_bounded, read_form, strict_form
 from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.conventions.proprioception import StateRule
-from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+    from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
 """Opening width of a fully open Franka gripper [m]."""
-
-CONTROL_RATE_HZ = 20.0
-"""Control rate of the suite [Hz]."""
 
 
 @strict_form

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from PIL import Image
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
@@ -103,6 +102,8 @@ class ImageRule:
             min(float(width), left + from_width),
             min(float(height), top + from_height),
         )
+        from PIL import Image  # noqa: PLC0415 - a policy that takes images of their own size needs no Pillow
+
         resized = np.asarray(
             Image.fromarray(turned).resize(
                 (fitted_width, fitted_height), Image.Resampling.BILINEAR, None if whole else box

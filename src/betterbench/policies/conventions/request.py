@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,9 @@ from betterbench.geometry import from_axis_angle
 from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.proprioception import StateRule
-from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+    from betterbench.tasks import TrialId
 
 _MOST_LISTS = 3
 NATIVE_IMAGES = "better/images/"
@@ -120,6 +122,8 @@ def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | No
         )
     trial = None
     if {"task", "condition", "seed"} & set(form):
+        from betterbench.tasks import TrialId  # noqa: PLC0415 - only the clients of an expert name their trial
+
         seed = _whole(form.get("seed"), "better/episode: seed")
         trial = TrialId(_name(form, "task"), _name(form, "condition"), seed)
     number = form.get("episode", None if trial is None else episode_number(trial.seed))

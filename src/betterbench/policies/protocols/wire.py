@@ -22,7 +22,6 @@ from typing import Any, Literal
 
 import msgpack
 import numpy as np
-from PIL import Image
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.json_form import unique_keys
@@ -68,7 +67,6 @@ _UNREADABLE = (
     InvalidInputError,
     *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError),
     *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
-    *(Image.DecompressionBombError, Image.DecompressionBombWarning),
 )
 """Exceptions of the decoders for a frame that they cannot read."""
 
@@ -238,6 +236,8 @@ def png_of(image: np.ndarray) -> bytes:
 
 
 def _file_of(image: np.ndarray, coding: str, **options: int) -> bytes:
+    from PIL import Image  # noqa: PLC0415 - most servers get images as plain arrays
+
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, coding, **options)
     return buffer.getvalue()
@@ -249,11 +249,16 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
         raise ValueError(f"an image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
     if len(shape) != 3 or shape[2] not in (1, 3, 4) or not 0 < shape[0] * shape[1] <= MAX_PIXELS:
         raise ValueError(f"an image has the shape {shape}")
-    with Image.open(io.BytesIO(data), formats=[coding.upper()]) as image:
-        expected = {1: "L", 3: "RGB", 4: "RGBA"}[shape[2]]
-        if image.size != (shape[1], shape[0]) or image.mode != expected:
-            raise ValueError(f"an image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
-        array = np.asarray(image).reshape(shape)
+    from PIL import Image  # noqa: PLC0415 - see _file_of
+
+    try:
+        with Image.open(io.BytesIO(data), formats=[coding.upper()]) as image:
+            expected = {1: "L", 3: "RGB", 4: "RGBA"}[shape[2]]
+            if image.size != (shape[1], shape[0]) or image.mode != expected:
+                raise ValueError(f"an image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
+            array = np.asarray(image).reshape(shape)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as bomb:
+        raise ValueError(str(bomb)) from bomb
     array.flags.writeable = False
     return array
 

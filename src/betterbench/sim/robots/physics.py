@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 
+from betterbench.interface.actions import CONTROL_RATE_HZ
+
 
 @dataclass(frozen=True, slots=True)
 class Physics:
@@ -26,7 +28,7 @@ class Physics:
     """
 
     timestep_s: float = 0.002
-    control_rate_hz: float = 20.0
+    control_rate_hz: float = CONTROL_RATE_HZ
     impratio: float = 10.0
     noslip_iterations: int = 3
     condim: int = 4
