@@ -368,7 +368,7 @@ class RealSession:
         policy = self._policies.get(trial.policy)
         self.controls.end.clear()
         self.controls.show = self._keep
-        folder = self._journal.begin(trial.code)
+        folder = self._journal.begin(trial.code, self.person)
         self._begun_s = time.monotonic()
         self._shown = replace(self._shown, stage=Stage.RUNNING)
         self._message = ""
