@@ -27,7 +27,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.jobs.decisions import Author, DecisionJournal, Digest, Time, Undo, histories, now, read_decisions
 from betterbench.jobs.durable import on_disk, write_durably
 from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms, say_lost_tail
@@ -403,7 +403,10 @@ class Seen:
 
     def __post_init__(self) -> None:
         """Require a known outcome, and a note for "other"."""
-        outcome_named(self.outcome)
+        try:
+            outcome_named(self.outcome)
+        except UnknownNameError as problem:  # the form adds the file and its line
+            raise ValueError(str(problem)) from problem
         if self.outcome == "other" and not self.note.strip():
             raise ValueError("outcome 'other' needs a note")
 
