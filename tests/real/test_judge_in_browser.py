@@ -73,7 +73,11 @@ class Program:
     def __init__(self, folder, chromium, person):
         command = [sys.executable, "-m", "betterbench.cli", "real", "judge", str(folder), "--person", person]
         self.process = subprocess.Popen(
-            [*command, "--port", "0"], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, "--port", "0"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         found = re.fullmatch(r"open (http://localhost:\d+/[\w-]{32}/)\n", self.process.stdout.readline())
         assert found is not None, self.process.stderr.read()
@@ -132,6 +136,9 @@ def test_a_judge_works_through_the_films_by_keys(open_program, folder):
     program.press("Space", " ")
     page.wait_until("document.querySelector('video').currentTime < 1.0")
     assert page.value("document.documentElement.scrollWidth") <= 1280
+    assert page.value("document.getElementById('note').getBoundingClientRect().bottom") <= 800  # all on one screen
+    boxes = page.value("[...document.querySelectorAll('video')].map(v => v.getBoundingClientRect().toJSON())")
+    assert all(box["top"] >= 0 and box["bottom"] <= 800 and box["height"] > 350 for box in boxes)
 
     program.press("Digit3", "3")
     require_shown(1)

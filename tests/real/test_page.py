@@ -138,7 +138,9 @@ def raw(server, text):
     return [int(each) for each in re.findall(rb"HTTP/1\.1 (\d{3})", data)]
 
 
-@pytest.mark.parametrize("length", ["\u00b2", "\u00b9\u00b3", "-1", "+3", "1e3", "", " ", "9" * 5000, "0x10", "99999999"])
+@pytest.mark.parametrize(
+    "length", ["\u00b2", "\u00b9\u00b3", "-1", "+3", "1e3", "", " ", "9" * 5000, "0x10", "99999999"]
+)
 def test_a_length_that_is_no_number_is_refused_without_a_traceback(server, length, capsys):
     """The superscript two is a digit to Python's isdigit and not to int: the thread died with a traceback."""
     token = server.url.split("/")[3]

@@ -204,15 +204,14 @@ def agreement_of(folder, first, second, *, conditions=("train1", "O1")):
 def test_kappa_of_judges_who_leave_nothing_to_compare(tmp_path):
     """A kappa of 0.00 or 1.00 with an interval of no width looked like certainty."""
     every = dict.fromkeys(range(4), "froze")
+    two = {0: "froze", 1: "missed"}
     cases = {
         "one": (every, {}, None),
         "apart": ({0: "froze"}, {1: "froze"}, None),
-        "constant": (every, every, "in 4 of 4 trials; kappa is not defined, because all outcomes are the same one."),
-        "one_constant": (every, every | {1: "missed"}, "3 of 4 trials; Cohen's kappa 0.00, without an interval, because "
-                         "their outcomes vary too little."),
-        "equal": ({0: "froze", 1: "missed"}, {0: "froze", 1: "missed"}, "2 of 2 trials; Cohen's kappa 1.00, without an "
-                  "interval, because they differ in no trial."),
-    }  # fmt: skip
+        "constant": (every, every, "4 of 4 trials; kappa is not defined, because all outcomes are the same one."),
+        "one_constant": (every, every | {1: "missed"}, "0.00, without an interval, because their outcomes vary too"),
+        "equal": (two, two, "2 of 2 trials; Cohen's kappa 1.00, without an interval, because they differ in no trial."),
+    }
     for name, (first, second, says) in cases.items():
         (tmp_path / name).mkdir()
         results = agreement_of(tmp_path / name, first, second)

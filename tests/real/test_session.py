@@ -256,9 +256,10 @@ def test_a_trial_that_was_entered_as_not_valid_comes_again_after_a_kill_between_
     with session_on(folder) as session:
         session.begin()
         code = obey(session, "arm", "start").code
-        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            patch.setattr(RealJournal, "repeat", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+        monkeypatch.setattr(RealJournal, "repeat", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+        with pytest.raises(KeyboardInterrupt):
             session.obey(Command("enter", "invalid", "the lamp fell"))
+        monkeypatch.undo()
     with session_on(folder) as session:
         session.begin()
         assert (session.view.stage, session.view.code) == (Stage.SETUP, code)

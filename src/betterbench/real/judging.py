@@ -14,7 +14,6 @@ from betterbench.real.outcomes import outcome_named
 from betterbench.real.record import RealRun, RealTrial, enter, read_run
 from betterbench.statistics.wording import plural
 
-
 logger = logging.getLogger(__name__)
 
 
@@ -142,7 +141,9 @@ class JudgeDesk:
         except (RecordError, OSError) as problem:
             logger.warning("%s", problem)
             told = "its file is missing or was changed; the terminal of better real judge names it"
-            raise InvalidInputError(f"film {number + 1}", told, "Go to another film, and tell the operator") from problem
+            raise InvalidInputError(
+                f"film {number + 1}", told, "Go to another film, and tell the operator"
+            ) from problem
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:
         self.message, self.is_problem = text, is_problem
