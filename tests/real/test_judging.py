@@ -12,7 +12,7 @@ from betterbench.real.judge_page import JudgePage
 from betterbench.real.judging import JudgeDesk
 from betterbench.real.outcomes import OUTCOMES
 from betterbench.real.plan import RealPolicy, make_plan, write_plan
-from betterbench.real.record import enter, read_run
+from betterbench.real.record import RealJournal, enter, read_run
 
 
 @pytest.fixture
@@ -147,3 +147,87 @@ def test_two_judges_work_at_the_same_time(folder):
         ada.choose("done")
         ben.choose("froze")
     assert len(votes(folder)) == len(votes(folder, "ben")) == 3
+
+
+def test_whoever_was_an_operator_is_no_judge_however_the_name_is_written(tmp_path):
+    """An operator whose entries were taken back or discarded, or who wrote the name in another way, could judge."""
+    plan = protocol(tmp_path, conditions=("O1",))
+    code = plan.trials[0].code
+    enter(tmp_path, code, 1, author="olga", role="operator", outcome="done")
+    enter(tmp_path, code, 1, author="olga", role="operator", outcome=None)
+    with RealJournal(tmp_path) as journal:
+        journal.repeat(plan.trials[1].code, "a cat on the table", "Otto")
+        journal.begin(plan.trials[1].code, "oscar")
+    for name in ("olga", "Olga ", "OLGA", "otto", "oscar"):
+        with pytest.raises(InvalidInputError, match="is the operator of this protocol"):
+            JudgeDesk(tmp_path, name)
+    assert len(JudgeDesk(tmp_path, "ada").trials) == 1
+
+
+def test_one_judge_with_two_spellings_is_not_counted_as_two(folder):
+    JudgeDesk(folder, "Ada").choose("done")
+    with pytest.raises(InvalidInputError, match="'ada' is nearly 'Ada', who judged here"):
+        JudgeDesk(folder, "ada")
+    assert JudgeDesk(folder, "Ada").done == 1
+    JudgeDesk(folder, "Adam").choose("done")
+
+
+def test_a_trial_that_is_discarded_while_it_is_judged_gets_no_entry(folder):
+    """The entry went to the discarded attempt, and the judge was told that it counts."""
+    desk = JudgeDesk(folder, "ada")
+    code = desk.at_hand.code
+    with RealJournal(folder) as journal:
+        journal.repeat(code, "the lamp fell", "olga")
+    desk.choose("done")
+    assert desk.is_problem
+    assert "film 1: was discarded by the operator meanwhile" in desk.message
+    assert (desk.done, votes(folder)) == (0, {})
+    desk.step(1)
+    desk.choose("done")
+    assert desk.done == 1
+
+
+def test_a_damaged_film_is_told_without_the_code_and_cannot_be_judged(folder, page, caplog):
+    """The request ended with a traceback in the terminal, and a key entered an outcome nobody had seen."""
+    trial = JudgeDesk(folder, "ada").at_hand
+    (trial.folder / "wrist.mp4").write_bytes(b"another film")
+    status, kind, data = ask(page, "film/0/1")
+    assert (status, kind.split(";")[0]) == (500, "text/plain")
+    assert data.startswith(b"film 1: its file is missing or was changed")
+    state = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])
+    assert state["is_problem"]
+    assert (state["judged"], state["film"]) == (0, 0)
+    for told in (data.decode(), json.dumps(state)):
+        assert trial.code not in told
+        assert str(folder) not in told
+    assert str(trial.folder / "wrist.mp4") in caplog.text
+    (trial.folder / "front.mp4").unlink()
+    assert ask(page, "film/0/0")[0] == 500
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("film/0/0/../../state", "film/../../plan.json", "film/0/%2e%2e%2fplan.json", "../state", "film/-1/0"),
+        *("film/0/00", "film//", "..%2f..%2fetc%2fpasswd", "film/0/0%00"),
+    ],
+)
+def test_no_path_leads_out_of_the_list_of_films(page, path):
+    assert ask(page, path)[0] in (403, 404)
+
+
+def test_an_entry_on_a_folder_that_cannot_be_written_is_told_to_the_judge(folder, page, monkeypatch):
+    import errno
+
+    from betterbench.jobs import line_journal
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(line_journal.os, "fsync", full)
+    told = json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])
+    assert "No space left on device" in told["error"]
+    monkeypatch.undo()
+    state = json.loads(ask(page, "state")[2])
+    assert (state["judged"], state["film"], votes(folder)) == (0, 0, {})
+    assert json.loads(ask(page, "do", {"name": "enter", "film": 0, "value": "done"})[2])["judged"] == 1

@@ -3,6 +3,8 @@
 import http.client
 import io
 import json
+import re
+import socket
 import urllib.parse
 from pathlib import Path
 
@@ -123,3 +125,72 @@ def test_the_page_shows_pictures_and_steps_and_no_names(tmp_path):
             assert "name" in told["error"]
         finally:
             page.server.close()
+
+
+def raw(server, text):
+    """Send bytes as they are, and return the status of the answer and what follows on the connection."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20) as connection:
+        connection.sendall(text)
+        connection.shutdown(socket.SHUT_WR)
+        data = b""
+        while part := connection.recv(1 << 16):
+            data += part
+    return [int(each) for each in re.findall(rb"HTTP/1\.1 (\d{3})", data)]
+
+
+@pytest.mark.parametrize(
+    "length", ["\u00b2", "\u00b9\u00b3", "-1", "+3", "1e3", "", " ", "9" * 5000, "0x10", "99999999"]
+)
+def test_a_length_that_is_no_number_is_refused_without_a_traceback(server, length, capsys):
+    """The superscript two is a digit to Python's isdigit and not to int: the thread died with a traceback."""
+    token = server.url.split("/")[3]
+    head = f"POST /{token}/do HTTP/1.1\r\nHost: localhost\r\nContent-Length: {length}\r\n\r\n"
+    assert raw(server, head.encode("latin-1")) == [400]
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_refused_body_is_not_read_as_the_next_request(server):
+    token = server.url.split("/")[3]
+    inner = f"GET /{token}/ HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    head = f"POST /{token}/elsewhere HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(inner)}\r\n\r\n"
+    assert raw(server, (head + inner).encode()) == [400]
+
+
+def test_deep_and_broken_bodies_are_told(server):
+    for body in (b"[" * 60000, b'{"a":' * 12000, b"\xff\xfe", b'{"a": 1, "a": 2}', b""):
+        status, data, _ = ask(server.url, "do", body=body)
+        assert (status, "error" in json.loads(data)) == (200, True), body[:10]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "localhost.evil.example"},
+        {"Host": "evil.example:8080"},
+        {"Host": "127.0.0.1.nip.io"},
+        {"Host": "192.168.0.9"},
+        {"Host": ""},
+        {"Origin": "null"},
+        {"Origin": "https://localhost"},
+        {"Origin": "http://localhost:1"},
+    ],
+)
+def test_names_that_resolve_to_this_machine_are_refused(server, headers):
+    assert ask(server.url, **headers)[0] == 403
+    assert ask(server.url, "do", body=b"{}", **headers)[0] == 403
+
+
+def test_an_answer_that_fails_is_told_and_the_server_goes_on(capsys):
+    def fails():
+        raise InvalidInputError("film 1", "its file is missing", "Go on")
+
+    def gone():
+        raise FileNotFoundError("front.mp4")
+
+    made = PlainServer({"a": fails, "b": gone}, lambda _: {}, host="127.0.0.1", port=0, verb="v")
+    try:
+        assert ask(made.url, "a")[:2] == (500, b"film 1: its file is missing. Go on.\n")
+        assert ask(made.url, "b")[0] == 500
+    finally:
+        made.close()
+    assert "Traceback" not in capsys.readouterr().err

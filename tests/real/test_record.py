@@ -250,3 +250,146 @@ def test_an_event_that_does_not_fit_the_plan_is_refused(folder, codes):
     with pytest.raises(RecordError, match=r"the plan has no trial '\?\?\?'"):
         read_run(folder)
     assert json.loads((folder / JOURNAL_NAME).read_bytes())["event"] == "ended"
+
+
+def test_a_plan_that_was_replaced_is_refused_although_its_codes_are_the_same(folder, codes):
+    """Codes depend on seed and number only, so that trials of one policy were read as those of another."""
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+    good = (folder / "plan.json").read_bytes()
+    for policies, conditions in (
+        ((RealPolicy("a", "random"), RealPolicy("b", "noop")), ["O1", "T1"]),
+        ((RealPolicy("a", "noop"), RealPolicy("b", "random")), ["O2", "T5"]),
+    ):
+        (folder / "plan.json").unlink()
+        other = make_plan(policies, conditions=conditions)
+        assert [t.code for t in other.trials] == codes
+        write_plan(folder, other)
+        with pytest.raises(RecordError, match="line 1: the trial was begun by another plan"):
+            read_run(folder)
+        with pytest.raises(RecordError, match="Restore the plan from a copy"):
+            RealJournal(folder)
+    (folder / "plan.json").write_bytes(good)
+    assert len(read_run(folder).trials) == 1
+
+
+def test_a_journal_of_an_earlier_version_without_plan_is_read(folder, codes, monkeypatch):
+    from betterbench.jobs.line_journal import LINK, link_after
+    from betterbench.json_form import dump_json
+
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+    path, link, lines = folder / JOURNAL_NAME, "", []
+    for line in path.read_bytes().splitlines():
+        form = {k: v for k, v in json.loads(line).items() if k not in (LINK, "plan")}
+        link = link_after(link, form)
+        lines.append(dump_json(form | {LINK: link}) + b"\n")
+    path.write_bytes(b"".join(lines))
+    assert [t.code for t in read_run(folder).trials] == [codes[0]]
+
+
+def test_entries_of_another_protocol_or_of_an_attempt_that_never_began_are_refused(folder, codes, tmp_path_factory):
+    """They were left out without a word, so that people's work seemed to be lost."""
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+    other = tmp_path_factory.mktemp("other")
+    write_plan(other, make_plan((RealPolicy("a", "noop"),), conditions=["O1"], seed=9))
+    enter(other, read_run(other).plan.trials[0].code, 1, author="ada", role="judge", outcome="done")
+    (folder / ENTRIES_NAME).write_bytes((other / ENTRIES_NAME).read_bytes())
+    with pytest.raises(
+        RecordError, match=r"entries.jsonl: line 1: the plan has no trial '...', so that this is the file"
+    ):
+        read_run(folder)
+    (folder / ENTRIES_NAME).unlink()
+    enter(folder, codes[0], 2, author="ada", role="judge", outcome="done")
+    with pytest.raises(RecordError, match=f"line 1: attempt 2 of {codes[0]} was never begun"):
+        read_run(folder)
+
+
+@pytest.mark.parametrize("change", ["key", "outcome", "role", "undo", "author"])
+def test_lines_of_entries_that_were_made_by_hand_are_named(folder, codes, change):
+    from betterbench.jobs.line_journal import LINK, link_after
+    from betterbench.json_form import dump_json
+
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+    enter(folder, codes[0], 1, author="ada", role="judge", outcome="done")
+    path = folder / ENTRIES_NAME
+    first = json.loads(path.read_bytes())
+    form = {k: v for k, v in first.items() if k != LINK}
+    if change == "key":
+        form["certainty"] = 1.0
+    elif change == "outcome":
+        form["decision"] = form["decision"] | {"outcome": "great"}
+    elif change == "role":
+        form["role"] = "boss"
+    elif change == "undo":
+        form["decision"] = {"line": 7, "kind": "undo"}
+    else:
+        form["author"] = ""
+    path.write_bytes(path.read_bytes() + dump_json(form | {LINK: link_after(first[LINK], form)}) + b"\n")
+    with pytest.raises(RecordError, match=r"entries.jsonl: line 2"):
+        read_run(folder)
+
+
+def test_two_trials_whose_folders_were_swapped_are_noticed(folder, codes):
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+        run_one(journal, codes[1], steps=5)
+    first, second, spare = (folder / "trials" / name for name in (codes[0], codes[1], "spare"))
+    first.rename(spare)
+    second.rename(first)
+    spare.rename(second)
+    with pytest.raises(RecordError, match="is not the file that"):
+        read_run(folder)
+
+
+def test_a_header_of_another_trial_is_noticed_although_the_journal_names_it(folder, codes):
+    with RealJournal(folder) as journal:
+        place = journal.begin(codes[0])
+        write_attempt(place, header_of(codes[1], 1, 4), samples_of(4), {"front": b"a film"})
+        journal.end(codes[0], "time_limit")
+    with pytest.raises(RecordError, match=f"is the header of attempt 1 of {codes[1]}, not 1 of {codes[0]}"):
+        read_run(folder)
+
+
+def test_files_that_a_person_put_in_the_way_are_kept(folder, codes):
+    """The session ended with a traceback, and the trial could never be run again."""
+    stray = folder / "trials" / codes[0]
+    stray.mkdir(parents=True)
+    (stray / "mine.txt").write_text("notes")
+    with RealJournal(folder) as journal:
+        journal.begin(codes[0])
+        (folder / "aborted" / f"{codes[0]}-1").mkdir()
+        (folder / "aborted" / f"{codes[0]}-1" / "copy.txt").write_text("a copy")
+        journal.abort(codes[0], "the cable came out")
+        run_one(journal, codes[0])
+    assert (folder / "aborted" / f"{codes[0]}-0" / "mine.txt").exists()
+    assert (folder / "aborted" / f"{codes[0]}-1" / "copy.txt").exists()
+    assert (folder / "aborted" / f"{codes[0]}-1.2").exists()
+    assert read_run(folder).trial(codes[0]).header.attempt == 2
+
+
+@pytest.mark.parametrize("name", ["plan.json", JOURNAL_NAME, ENTRIES_NAME])
+def test_a_file_cut_anywhere_is_refused_or_read_as_what_was_complete(folder, codes, name):
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+        run_one(journal, codes[1])
+    enter(folder, codes[0], 1, author="ada", role="judge", outcome="done")
+    enter(folder, codes[1], 1, author="ben", role="judge", outcome="froze")
+    path = folder / name
+    whole = path.read_bytes()
+    read = refused = 0
+    for cut in range(0, len(whole), max(1, len(whole) // 60)):
+        path.write_bytes(whole[:cut])
+        try:
+            run = read_run(folder)
+        except RecordError as problem:
+            refused += 1
+            assert str(folder) in str(problem)  # noqa: PT017 - both ends are right
+        else:
+            read += 1
+            assert len(run.trials) <= 2
+    path.write_bytes(whole)
+    assert refused > 50 if name == "plan.json" else read + refused > 50
+    assert len(read_run(folder).trials) == 2

@@ -191,3 +191,98 @@ def test_a_run_of_another_policy_is_no_twin(results, whole, monkeypatch):
     (twin,) = results_of(whole, [whole]).twins
     assert twin.policy == "second policy"
     assert np.isfinite(twin.same_side.low)
+
+
+def agreement_of(folder, first, second, *, conditions=("train1", "O1")):
+    protocol(folder, conditions=conditions, moves=lambda _: still())
+    codes = [p.code for p in results_of(folder).run.plan.trials]
+    judge(folder, "ada", lambda p: first.get(codes.index(p.code)))
+    judge(folder, "ben", lambda p: second.get(codes.index(p.code)))
+    return results_of(folder)
+
+
+def test_kappa_of_judges_who_leave_nothing_to_compare(tmp_path):
+    """A kappa of 0.00 or 1.00 with an interval of no width looked like certainty."""
+    every = dict.fromkeys(range(4), "froze")
+    two = {0: "froze", 1: "missed"}
+    cases = {
+        "one": (every, {}, None),
+        "apart": ({0: "froze"}, {1: "froze"}, None),
+        "constant": (every, every, "4 of 4 trials; kappa is not defined, because all outcomes are the same one."),
+        "one_constant": (every, every | {1: "missed"}, "0.00, without an interval, because their outcomes vary too"),
+        "equal": (two, two, "2 of 2 trials; Cohen's kappa 1.00, without an interval, because they differ in no trial."),
+    }
+    for name, (first, second, says) in cases.items():
+        (tmp_path / name).mkdir()
+        results = agreement_of(tmp_path / name, first, second)
+        assert [p.counts.open for p in results.policies] == [0, 0]
+        page = write_real_page(results, tmp_path / name / "index.html").read_text()
+        if says is None:
+            assert results.agreements == ()
+            assert "No trial was seen by two judges. A second judge makes an agreement" in page
+        else:
+            (pair,) = results.agreements
+            assert says in pair.sentence
+            assert (pair.to_json()["low"], pair.to_json()["high"]) == (None, None)
+            assert "No trial was seen by two judges" not in page
+
+
+def test_an_operator_and_one_judge_are_no_agreement_of_judges(tmp_path):
+    protocol(tmp_path, conditions=("train1",), moves=lambda _: still())
+    judge(tmp_path, "ada", lambda _: "froze")
+    judge(tmp_path, "olga", lambda _: "froze", role="operator")
+    page = write_real_page(results_of(tmp_path), tmp_path / "index.html").read_text()
+    assert "No trial was seen by two judges" in page
+    assert "The operator is not blind." in page
+
+
+def test_a_report_before_the_first_trial_says_nothing_about_the_order(tmp_path):
+    from betterbench.real.plan import make_plan, write_plan
+
+    write_plan(tmp_path, make_plan(POLICIES, conditions=["O1"]))
+    results = results_of(tmp_path)
+    assert results.order.sentences == ()
+    assert [p.counts.open for p in results.policies] == [1, 1]
+    write_real_page(results, tmp_path / "index.html")
+
+
+def test_names_in_a_report_are_text_and_no_markup(tmp_path):
+    from betterbench.real.plan import RealPolicy
+
+    evil = "<script>alert(1)</script>"
+    policies = (RealPolicy(evil, "noop"), RealPolicy("b", "random"))
+    protocol(tmp_path, conditions=("train1",), moves=lambda _: still(), policies=policies)
+    judge(tmp_path, "<img src=x>", lambda _: "froze")
+    page = write_real_page(results_of(tmp_path), tmp_path / "index.html").read_text()
+    assert "<script" not in page
+    assert "<img" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_a_success_of_an_arm_that_never_moved_is_in_no_rate(tmp_path):
+    protocol(tmp_path, conditions=("train1",), moves=lambda _: still())
+    for person in ("ada", "ben", "cleo"):
+        judge(tmp_path, person, lambda _: "done")
+    for policy in results_of(tmp_path).policies:
+        assert (policy.counts.right, policy.counts.failed, policy.counts.unscored) == (0, 0, 1)
+        assert policy.counts.contradictions == 1
+
+
+def test_entries_belong_to_the_attempt_that_was_seen(tmp_path):
+    from betterbench.real.record import write_attempt
+
+    plan = protocol(tmp_path, conditions=("train1",), moves=lambda _: packs())
+    judge(tmp_path, "ada", lambda _: "done")
+    assert [p.counts.right for p in results_of(tmp_path).policies] == [1, 1]
+    code = plan.trials[0].code
+    with RealJournal(tmp_path) as journal:
+        journal.repeat(code, "the lamp fell", "olga")
+        assert sum(p.counts.open for p in results_of(tmp_path).policies) == 1
+        samples = still()
+        place = journal.begin(code)
+        write_attempt(place, header_of(code, 2, len(samples), instruction="x"), samples, {})
+        journal.end(code, "time_limit")
+    results = results_of(tmp_path)
+    (again,) = [t for t in results.trials if t.trial.code == code]
+    assert again.judged.votes == {}
+    assert again.label.basis == "joints"  # it never moved

@@ -204,3 +204,76 @@ def test_a_page_never_sees_the_pictures_of_another_trial(folder):
         assert session.view.code != before.code
         assert session.reading is None
         assert session.view.agreement is None
+
+
+def test_a_film_that_cannot_be_encoded_makes_the_trial_come_again(folder, monkeypatch):
+    """The session stayed in the running stage for ever, in which no key does anything."""
+    from betterbench.demonstrations.export.video import VideoWriter
+
+    def broken(self):
+        raise RuntimeError("x264 has no memory")
+
+    monkeypatch.setattr(VideoWriter, "finish", broken)
+    with session_on(folder) as session:
+        session.begin()
+        view = obey(session, "arm", "start")
+        assert (view.stage, view.armed) == (Stage.SETUP, False)
+        assert "comes again: camera front: x264 has no memory" in view.message
+        monkeypatch.undo()
+        assert obey(session, "arm", "start").stage is Stage.ENTER
+    run = read_run(folder)
+    assert [t.header.attempt for t in run.trials] == [2]
+    assert (folder / "aborted" / f"{run.trials[0].code}-1" / "samples.parquet").exists()
+
+
+def test_a_full_disk_ends_the_session_with_a_still_arm_and_the_next_one_goes_on(folder, monkeypatch):
+    import errno
+
+    from betterbench.errors import StorageError
+    from betterbench.jobs import durable
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with session_on(folder) as session:
+        session.begin()
+        session.obey(Command("arm"))
+        monkeypatch.setattr(durable.os, "fsync", lambda handle: full(handle) if session._robot.commands else None)
+        with pytest.raises(StorageError, match="No space left on device"):
+            session.obey(Command("start"))
+        assert not session._arm.is_armed
+        monkeypatch.undo()
+    with session_on(folder) as session:
+        session.begin()
+        assert "it comes again" in session.view.message
+        assert obey(session, "arm", "start").stage is Stage.ENTER
+    assert [t.header.attempt for t in read_run(folder).trials] == [2]
+
+
+def test_a_trial_that_was_entered_as_not_valid_comes_again_after_a_kill_between_the_two_lines(folder, monkeypatch):
+    from betterbench.real.record import RealJournal
+
+    with session_on(folder) as session:
+        session.begin()
+        code = obey(session, "arm", "start").code
+        monkeypatch.setattr(RealJournal, "repeat", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            session.obey(Command("enter", "invalid", "the lamp fell"))
+        monkeypatch.undo()
+    with session_on(folder) as session:
+        session.begin()
+        assert (session.view.stage, session.view.code) == (Stage.SETUP, code)
+    assert read_run(folder).aborted[0].reason == "the lamp fell"
+
+
+def test_what_to_put_where_is_also_said_in_the_terminal(folder):
+    """Without a page, nothing told the operator which scene to set up."""
+    said = []
+    robot = MockRobot(read_run(folder).plan, cameras=("front",), size=SIZE)
+    with RealSession(folder, robot, person="ada", apart=False, size=SIZE, say=said.append) as session:
+        session.begin()
+        code, steps = session.view.code, session.view.steps
+        assert session.view.message == ""
+    (line,) = said
+    assert line.startswith(f"{code}, trial 1 of 2: set up the scene. Tablecloth: ")
+    assert all(step.text in line for step in steps)

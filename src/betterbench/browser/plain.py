@@ -10,6 +10,7 @@ import functools
 import hmac
 import http.server
 import json
+import re
 import secrets
 import threading
 from collections.abc import Callable, Mapping
@@ -117,7 +118,11 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if inside is None:
             return
         make = self._get.get(inside)
-        answer = None if make is None else make()
+        try:
+            answer = None if make is None else make()
+        except (BetterError, OSError) as problem:  # such as a film that was removed
+            self._send(HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain; charset=utf-8", f"{problem}\n".encode())
+            return
         if answer is None:
             self._send(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"not found\n")
         else:
@@ -129,13 +134,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if inside is None:
             return
         length = self.headers.get("Content-Length", "")
-        if inside != "do" or not length.isdigit() or int(length) > MOST_BYTES:
+        if inside != "do" or not re.fullmatch("[0-9]{1,9}", length) or int(length) > MOST_BYTES:
+            self.close_connection = True  # its body would be read as the next request
             self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", b"This request cannot be read.\n")
             return
         try:
             form = parse_json(self.rfile.read(int(length)), unique=True)
             answer = self._post(form) if isinstance(form, dict) else {"error": "Expected a JSON object."}
-        except (BetterError, ValueError) as problem:
+        except (BetterError, OSError, ValueError) as problem:
             answer = {"error": str(problem)}
         self._send(HTTPStatus.OK, "application/json", json.dumps(answer).encode())
 

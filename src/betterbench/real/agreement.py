@@ -10,6 +10,10 @@ from typing import Any
 from betterbench.real.outcomes import OUTCOMES
 from betterbench.real.record import RealTrial, Role
 from betterbench.statistics.agreement import AgreementTable
+from betterbench.statistics.interval import Interval
+
+_WIDTH = 1e-9
+"""Least width of an interval that is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,18 +57,31 @@ class PairAgreement:
         return self.first.role == self.second.role == "judge"
 
     @property
+    def interval(self) -> Interval | None:
+        """Interval of kappa; None without kappa, and where the variance is 0.
+
+        It is 0 if they never differ or if one of them always entered the same: an interval of no width would look like
+        certainty, although a few trials may be all there is.
+        """
+        found = self.table.interval()
+        return None if found is None or found.high - found.low < _WIDTH else found
+
+    @property
     def sentence(self) -> str:
         """Number of equal outcomes, and kappa with its interval."""
         n = self.table.n
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
-        kappa, interval = self.table.kappa, self.table.interval()
-        if kappa is None or interval is None:
+        kappa, interval = self.table.kappa, self.interval
+        if kappa is None:
             return f"{text}; kappa is not defined, because all outcomes are the same one."
+        if interval is None:
+            why = "they differ in no trial" if not self.disagreements else "their outcomes vary too little"
+            return f"{text}; Cohen's kappa {kappa:.2f}, without an interval, because {why}."
         return f"{text}; Cohen's kappa {kappa:.2f} (95 % interval {interval.low:.2f} to {interval.high:.2f})."
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
-        interval = self.table.interval()
+        interval = self.interval
         return {
             "first": str(self.first),
             "second": str(self.second),

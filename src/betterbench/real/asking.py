@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -13,7 +15,7 @@ import numpy as np
 
 from betterbench.episodes.answers import answer
 from betterbench.episodes.chunks import checked_chunk
-from betterbench.errors import BetterError, InvalidInputError, PolicyError
+from betterbench.errors import BetterError, InvalidInputError, PolicyError, described
 from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo
 from betterbench.interface.actions import ActionSpace
 from betterbench.policies.factory import PolicyFactory, check_action_space, close_policy
@@ -23,6 +25,8 @@ START_S = 120.0
 """Longest time until a policy is ready for a trial [s]; a large one loads its weights meanwhile."""
 ANSWER_S = 30.0
 """Longest time of an answer [s]; the trial is then aborted."""
+_CHECK_S = 0.1
+"""Time between two looks for the stop signal while a policy gets ready [s]."""
 
 
 def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, cameras: tuple[str, ...]) -> None:
@@ -73,6 +77,12 @@ class RealPolicies:
             self._made[name] = made
         return self._made[name]
 
+    def discard(self, name: str) -> None:
+        """Close a policy that still works on an old question; the next trial gets a new one."""
+        policy = self._made.pop(name, None)
+        if policy is not None:
+            close_policy(policy)
+
     def close(self) -> None:
         """Close all policies."""
         for policy in self._made.values():
@@ -110,13 +120,23 @@ class Asker:
         self._questions.put(None)
         self._thread.join(timeout=ANSWER_S)
 
-    def start(self, start: EpisodeStart) -> None:
-        """Reset the policy and wait for it. Raises PolicyError."""
+    @property
+    def is_busy(self) -> bool:
+        """Whether the policy still works on a question, so that it must not be asked by anybody else."""
+        return self._thread.is_alive()
+
+    def start(self, start: EpisodeStart, *, check: Callable[[], None] = lambda: None) -> None:
+        """Reset the policy and wait for it; ``check`` is called meanwhile, and may raise. Raises PolicyError."""
         self._questions.put((-1, start))
-        try:
-            answered = self._answers.get(timeout=START_S)
-        except queue.Empty:
-            raise PolicyError(f"The policy was not ready after {START_S:.0f} s.") from None
+        end = time.monotonic() + START_S
+        while True:
+            check()
+            try:
+                answered = self._answers.get(timeout=min(_CHECK_S, START_S))
+                break
+            except queue.Empty:
+                if time.monotonic() >= end:
+                    raise PolicyError(f"The policy was not ready after {START_S:.0f} s.") from None
         if answered.error is not None:
             raise answered.error
 
@@ -159,3 +179,5 @@ class Asker:
                 self._answers.put(_Answered(step, answer(self._policy, seen).actions))
             except BetterError as problem:
                 self._answers.put(_Answered(step, None, problem))
+            except BaseException as problem:  # noqa: BLE001 - of a user's policy, which must not leave the arm waiting
+                self._answers.put(_Answered(step, None, PolicyError(described(problem))))

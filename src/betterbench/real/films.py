@@ -56,7 +56,11 @@ class FilmThread:
             raise InvalidInputError(f"camera {self._camera}", str(self._problem), "Repeat the trial") from self._problem
         if self._size is None:
             return None
-        return Film(*self._size, self._count, self._late, self._dropped), self._writer.finish()
+        try:
+            data = self._writer.finish()
+        except Exception as problem:
+            raise InvalidInputError(f"camera {self._camera}", str(problem), "Repeat the trial") from problem
+        return Film(*self._size, self._count, self._late, self._dropped), data
 
     def _run(self) -> None:
         while (image := self._frames.get()) is not None:

@@ -3,11 +3,17 @@
 const $ = (id) => document.getElementById(id);
 let state = null;
 let shown = null;
+const GONE = "The program does not answer: nothing was entered. Start better real judge again, and open its new address.";
 
 async function send(name, value = "") {
   const note = name === "enter" ? $("note").value.trim() : "";
-  const answer = await fetch("do", { method: "POST", body: JSON.stringify({ name, film: state.film, value, note }) });
-  const said = await answer.json();
+  let said;
+  try {
+    const answer = await fetch("do", { method: "POST", body: JSON.stringify({ name, film: state.film, value, note }) });
+    said = await answer.json();
+  } catch (problem) {
+    said = { error: GONE };
+  }
   if (said.error) say(said.error, true);
   else {
     if (said.film !== state.film) $("note").value = "";
@@ -41,6 +47,10 @@ function outcomeRow(outcome) {
 function film(place) {
   const made = document.createElement("video");
   Object.assign(made, { autoplay: true, loop: true, muted: true, controls: true, playsInline: true });
+  made.addEventListener("error", () => {
+    const told = element("p", "This film cannot be shown. Its file is missing or was changed; the terminal names it.");
+    made.replaceWith(told);
+  });
   made.src = `film/${state.film}/${place}`;
   return made;
 }
@@ -74,4 +84,4 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
 });
 
-fetch("state").then((answer) => answer.json()).then(show);
+fetch("state").then((answer) => answer.json()).then(show).catch(() => say(GONE, true));

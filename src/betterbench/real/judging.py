@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import logging
+import unicodedata
 from pathlib import Path
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.real.outcomes import outcome_named
 from betterbench.real.record import RealRun, RealTrial, enter, read_run
 from betterbench.statistics.wording import plural
+
+logger = logging.getLogger(__name__)
 
 
 class JudgeDesk:
@@ -31,15 +35,20 @@ class JudgeDesk:
         """Read the protocol.
 
         Raises:
-            InvalidInputError: If no trial is done, or the person is an operator of the protocol.
+            InvalidInputError: If no trial is done, the person was an operator of the protocol, or a judge wrote the
+                same name in another way.
             RecordError: If a file is missing, damaged or changed.
         """
         run = read_run(folder)
         if not run.trials:
             raise InvalidInputError(str(folder), "has no trial that is done", "Run some with better real run")
-        if any(entry.author == person for trial in run.trials for entry in trial.seen_by("operator")):
+        if any(_same_name(person, other) for other in run.operators):
             problem = f"{person!r} is the operator of this protocol and knows conditions and policies"
-            raise InvalidInputError("--person", problem, "Let another person judge")
+            raise InvalidInputError("--person", problem, "Let another person judge, and give that name")
+        other = next((name for name in sorted(run.judges) if name != person and _same_name(name, person)), None)
+        if other is not None and person not in run.judges:
+            problem = f"{person!r} is nearly {other!r}, who judged here: one person would count as two"
+            raise InvalidInputError("--person", problem, f"Give {other}, or a name that differs more")
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)
@@ -68,9 +77,13 @@ class JudgeDesk:
         self._say("")
 
     def choose(self, outcome: str, note: str = "") -> None:
-        """Enter an outcome of the trial at hand, and go to the next one without an entry."""
+        """Enter an outcome of the trial at hand, and go to the next one without an entry.
+
+        A trial that was discarded meanwhile, or whose films cannot be shown, gets no entry; the message says so.
+        """
         trial = self.at_hand
         try:
+            self._require_shown(trial)
             enter(
                 self.folder,
                 trial.code,
@@ -93,6 +106,18 @@ class JudgeDesk:
             self.index = after[0]
         self._say(f"film {number}: {outcome_named(outcome).title}; {left}")
 
+    def _require_shown(self, trial: RealTrial) -> None:
+        """Raise InvalidInputError if the operator discarded a trial, or its films cannot be shown."""
+        name = f"film {self.index + 1}"
+        state = read_run(self.folder).states[trial.code]
+        if state.state != "done" or state.attempt != trial.header.attempt:
+            cure = "Go on with another film; start better real judge again for the new one"
+            raise InvalidInputError(name, "was discarded by the operator meanwhile", cure)
+        if not trial.header.films:
+            raise InvalidInputError(name, "this trial has no film, so that nothing can be judged", "Go to another one")
+        for camera in trial.header.films:
+            self.film(self.index, camera)
+
     def undo(self) -> None:
         """Take back the last entry of this session, else that of the film at hand, and show its film."""
         if not self._made and self.chosen is None:
@@ -109,12 +134,25 @@ class JudgeDesk:
         """Return a film of a trial by its number in this judge's order, MP4.
 
         Raises:
-            RecordError: If the film is missing or was changed.
+            InvalidInputError: If the film is missing or was changed. The message does not name the trial; the log does.
         """
-        return self.trials[number].film(camera).read_bytes()
+        try:
+            return self.trials[number].film(camera).read_bytes()
+        except (RecordError, OSError) as problem:
+            logger.warning("%s", problem)
+            told = "its file is missing or was changed; the terminal of better real judge names it"
+            raise InvalidInputError(
+                f"film {number + 1}", told, "Go to another film, and tell the operator"
+            ) from problem
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:
         self.message, self.is_problem = text, is_problem
+
+
+def _same_name(first: str, second: str) -> bool:
+    """Return whether two names differ in case, spaces and forms of characters at most."""
+    plain = [" ".join(unicodedata.normalize("NFKC", name).casefold().split()) for name in (first, second)]
+    return plain[0] == plain[1]
 
 
 def _entries_of(run: RealRun, person: str) -> dict[str, str]:

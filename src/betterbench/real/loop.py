@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from betterbench.errors import BetterError, one_line
+from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.interface.policy import episode_number
 from betterbench.jobs.decisions import now
@@ -99,7 +99,11 @@ _WIDE = ("state", "command", "asked", "load")
 
 
 class TrialRun:
-    """The run of one attempt, with its record."""
+    """The run of one attempt, with its record.
+
+    Attributes:
+        left_busy: Whether the policy still worked on a question when the trial was over.
+    """
 
     def __init__(
         self,
@@ -122,6 +126,8 @@ class TrialRun:
         self._rows, self._pace = _Rows(), Pace(plan.rate_hz)
         self._films = {camera: FilmThread(camera, rate_hz=plan.rate_hz) for camera in arm.robot.cameras}
         self._held = 0
+        self.left_busy = False
+        self._film_problem = ""
         self._begun = now()
         self._instruction = plan.instruction(planned.condition)
         self._before: Reading | None = None
@@ -149,14 +155,13 @@ class TrialRun:
         finally:
             self._arm.stop(why or "the trial is over")
         header = self._write(folder, ending)
-        if ending is None:
-            raise TrialAbortedError(why)
+        if header.ending is None:
+            raise TrialAbortedError(why or self._film_problem)
         return header
 
     def _read(self) -> Reading:
         """Return the state, after looking for signals and at the age of the frames."""
-        if self._controls.stop.is_set():
-            raise TrialAbortedError(self._controls.why)
+        self._look_for_stop()
         reading = self._arm.read()
         for camera in self._arm.robot.cameras:
             frame = reading.frames.get(camera)
@@ -166,6 +171,10 @@ class TrialRun:
                 raise RobotError(f"Camera {camera} {told}. Check its plug, and that no other program uses it.")
         self._controls.show(reading)
         return reading
+
+    def _look_for_stop(self) -> None:
+        if self._controls.stop.is_set():
+            raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
         """Return the start of the trial, (6,): the twin's, with the gripper open."""
@@ -192,34 +201,45 @@ class TrialRun:
         raise RobotError(f"The arm did not reach its start within {HOME_S:.0f} s. Clear its way, or move it by hand.")
 
     def _follow_policy(self) -> Ending:
-        with Asker(self._policy, self._space) as asker:
-            seed = episode_number(self._planned.scene_seed)
-            asker.start(EpisodeStart(self._instruction, seed, self._space.name))
-            self._begun, self._pace = now(), Pace(self._plan.rate_hz)
-            began_s, period_s = self._arm.robot.now(), 1.0 / self._plan.rate_hz
-            waited_s, at = 0.0, self._arm.limiter.last
-            for step in range(round(self._plan.time_limit_s * self._plan.rate_hz)):
-                reading = self._read()
-                if self._controls.end.is_set():
-                    return "operator"
-                if asker.wants():
-                    asker.ask(step, self._observation(reading, step))
-                action = asker.next(step, wait_s=0.5 * period_s)
-                if action is None:
-                    waited_s += period_s
-                    if waited_s > ANSWER_S:
-                        raise TrialAbortedError(f"the policy did not answer within {ANSWER_S:.0f} s")
-                    if waited_s < self._arm.limiter.limits.watchdog_s:
-                        at = self._arm.limiter.last
-                    elif waited_s - period_s < self._arm.limiter.limits.watchdog_s:
-                        at = reading.state.copy()
-                    sent = self._arm.move(at, reading)
-                    self._held += 1
-                else:
-                    waited_s = 0.0
-                    sent = self._arm.move(action, reading)
-                self._append(reading, sent.command, action, bool(sent.by), began_s)
-                self._pace.wait()
+        asker = Asker(self._policy, self._space)
+        try:
+            with asker:
+                try:
+                    return self._steps(asker)
+                finally:
+                    if self._arm.is_armed:  # now, because an answer on its way may take half a minute
+                        self._arm.stop("the trial is over")
+        finally:
+            self.left_busy = asker.is_busy
+
+    def _steps(self, asker: Asker) -> Ending:
+        seed = episode_number(self._planned.scene_seed)
+        asker.start(EpisodeStart(self._instruction, seed, self._space.name), check=self._look_for_stop)
+        self._begun, self._pace = now(), Pace(self._plan.rate_hz)
+        began_s, period_s = self._arm.robot.now(), 1.0 / self._plan.rate_hz
+        waited_s, at = 0.0, self._arm.limiter.last
+        for step in range(round(self._plan.time_limit_s * self._plan.rate_hz)):
+            reading = self._read()
+            if self._controls.end.is_set():
+                return "operator"
+            if asker.wants():
+                asker.ask(step, self._observation(reading, step))
+            action = asker.next(step, wait_s=0.5 * period_s)
+            if action is None:
+                waited_s += period_s
+                if waited_s > ANSWER_S:
+                    raise TrialAbortedError(f"the policy did not answer within {ANSWER_S:.0f} s")
+                if waited_s < self._arm.limiter.limits.watchdog_s:
+                    at = self._arm.limiter.last
+                elif waited_s - period_s < self._arm.limiter.limits.watchdog_s:
+                    at = reading.state.copy()
+                sent = self._arm.move(at, reading)
+                self._held += 1
+            else:
+                waited_s = 0.0
+                sent = self._arm.move(action, reading)
+            self._append(reading, sent.command, action, bool(sent.by), began_s)
+            self._pace.wait()
         return "time_limit"
 
     def _append(
@@ -260,7 +280,11 @@ class TrialRun:
     def _write(self, folder: Path, ending: Ending | None) -> TrialHeader:
         films: dict[str, tuple[Film, bytes]] = {}
         for camera, thread in self._films.items():
-            made = thread.finish()
+            try:
+                made = thread.finish()
+            except InvalidInputError as problem:  # a trial without its film cannot be judged
+                self._film_problem, ending = str(problem), None
+                continue
             if made is not None:
                 films[camera] = made
         samples = self._rows.samples()

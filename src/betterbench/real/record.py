@@ -19,7 +19,7 @@ ended nor aborted was cut off: :meth:`RealJournal.settle` marks it at the next s
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -27,9 +27,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.jobs.decisions import Author, DecisionJournal, Digest, Time, Undo, histories, now, read_decisions
-from betterbench.jobs.durable import write_durably
+from betterbench.jobs.durable import on_disk, write_durably
 from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms, say_lost_tail
 from betterbench.json_form import (
     content_digest,
@@ -42,7 +42,7 @@ from betterbench.json_form import (
     strict_form,
 )
 from betterbench.real.outcomes import outcome_named
-from betterbench.real.plan import PlannedTrial, RealPlan, Unit, read_plan
+from betterbench.real.plan import PLAN_NAME, PlannedTrial, RealPlan, Unit, read_plan
 from betterbench.records.arrays import array_bytes, read_arrays
 
 JOURNAL_NAME, ENTRIES_NAME = "journal.jsonl", "entries.jsonl"
@@ -223,8 +223,9 @@ class Event:
         code: Code of the trial.
         attempt: Number of the attempt, from 1.
         reason: Reason of the end; a sentence for "aborted" and "repeated".
-        person: Who discarded the attempt; otherwise an empty text.
+        person: Operator who began or discarded the attempt; otherwise an empty text.
         record: SHA-256 of the attempt's ``trial.json``, for "ended".
+        plan: SHA-256 of ``plan.json``, for "begun"; None in journals of earlier versions.
     """
 
     event: Literal["begun", "ended", "aborted", "repeated"]
@@ -234,6 +235,7 @@ class Event:
     reason: Annotated[str, Field(max_length=500)] = ""
     person: Annotated[str, Field(max_length=80)] = ""
     record: Digest | None = None
+    plan: Digest | None = None
 
 
 _EVENT = TypeAdapter(Event)
@@ -276,8 +278,12 @@ def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
 def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, TrialProgress]:
     """Return the state of every trial of a plan."""
     states = {trial.code: TrialProgress() for trial in plan.trials}
+    here = file_digest(path.parent / PLAN_NAME)
     for number, event in enumerate(events, start=1):
         where = f"{path}: line {number}"
+        if event.plan not in (None, here):
+            problem = f"the trial was begun by another plan than {path.parent / PLAN_NAME}"
+            raise RecordError(f"{where}: {problem}. Restore the plan from a copy, or plan into a new folder.")
         if event.code not in states:
             raise RecordError(f"{where}: the plan has no trial {event.code!r}. {_JOURNAL_CURE}.")
         states[event.code] = states[event.code].after(event, where)
@@ -319,11 +325,17 @@ class RealJournal(LineJournal):
         self._append_line({**form, LINK: link})
         self._link, self._states[event.code] = link, after
 
-    def begin(self, code: str) -> Path:
-        """Note that the next attempt of a trial begins, and return the empty folder for its files."""
-        self._append(Event("begun", code, self._states[code].attempt + 1, now()))
+    def begin(self, code: str, person: str = "") -> Path:
+        """Note that the next attempt of a trial begins, and return the empty folder for its files.
+
+        Raises StorageError if the folder cannot be made.
+        """
+        self._put_away(code)  # files that nobody recorded
+        plan = file_digest(self.folder / PLAN_NAME)
+        self._append(Event("begun", code, self._states[code].attempt + 1, now(), person=person, plan=plan))
         folder = self.attempt_folder(code)
-        folder.mkdir(parents=True)
+        with on_disk(folder):
+            folder.mkdir(parents=True)
         return folder
 
     def end(self, code: str, ending: Ending) -> None:
@@ -365,8 +377,14 @@ class RealJournal(LineJournal):
 
     def _put_away(self, code: str) -> None:
         there = self.attempt_folder(code)
-        if there.exists():
-            away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
+        if not there.exists():
+            return
+        away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
+        number = 1
+        while away.exists():  # a person put a folder there: nothing is overwritten
+            number += 1
+            away = away.with_name(f"{code}-{self._states[code].attempt}.{number}")
+        with on_disk(away):
             away.parent.mkdir(exist_ok=True)
             there.rename(away)
 
@@ -385,7 +403,10 @@ class Seen:
 
     def __post_init__(self) -> None:
         """Require a known outcome, and a note for "other"."""
-        outcome_named(self.outcome)
+        try:
+            outcome_named(self.outcome)
+        except UnknownNameError as problem:  # the form adds the file and its line
+            raise ValueError(str(problem)) from problem
         if self.outcome == "other" and not self.note.strip():
             raise ValueError("outcome 'other' needs a note")
 
@@ -531,6 +552,9 @@ class RealRun:
         events: Lines of the journal.
         states: State of each trial by code.
         trials: Trials that are done, in the order of the plan.
+        operators: Names of everybody who was an operator, also of attempts that do not count and of entries that were
+            taken back.
+        judges: Names of everybody who entered as a judge.
     """
 
     folder: Path
@@ -538,6 +562,8 @@ class RealRun:
     events: tuple[Event, ...]
     states: Mapping[str, TrialProgress]
     trials: tuple[RealTrial, ...]
+    operators: frozenset[str] = frozenset()
+    judges: frozenset[str] = frozenset()
 
     @property
     def aborted(self) -> tuple[Event, ...]:
@@ -566,7 +592,8 @@ def read_run(folder: Path) -> RealRun:
         say_lost_tail(path)
     events, _ = _events(path, lines)
     states = _progress(plan, events, path)
-    standing = _standing(folder / ENTRIES_NAME)
+    entries = _entries(folder / ENTRIES_NAME, states)
+    standing = _standing(entries, folder / ENTRIES_NAME)
     trials = []
     for planned in plan.trials:
         progress = states[planned.code]
@@ -576,13 +603,31 @@ def read_run(folder: Path) -> RealRun:
         header = read_header(place)
         if file_digest(place / HEADER_NAME) != progress.record:
             raise RecordError(f"{place / HEADER_NAME}: is not the file that {path} names. {_CURE}.")
+        if (header.code, header.attempt) != (planned.code, progress.attempt):
+            problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
+            raise RecordError(f"{place / HEADER_NAME}: {problem} {planned.code}. {_CURE}.")
         seen = tuple(e for e in standing if (e.code, e.attempt) == (planned.code, progress.attempt))
         trials.append(RealTrial(planned, header, place, seen))
-    return RealRun(folder, plan, tuple(events), states, tuple(trials))
+    operators = {e.person for e in events if e.person} | {e.author for e in entries if e.role == "operator"}
+    judges = frozenset(e.author for e in entries if e.role == "judge")
+    return RealRun(folder, plan, tuple(events), states, tuple(trials), frozenset(operators), judges)
 
 
-def _standing(path: Path) -> list[Entry]:
-    """Return the last entry of each person, role and attempt that was not undone, in the order of the file."""
+def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ...]:
+    """Return all lines of a file of entries; raise RecordError for one on an attempt that was never begun."""
     entries = read_decisions(_ENTRY, path) if path.exists() else ()
+    for number, entry in enumerate(entries, start=1):
+        known = states.get(entry.code)
+        if known is None:
+            problem = f"the plan has no trial {entry.code!r}, so that this is the file of another protocol"
+            raise RecordError(f"{path}: line {number}: {problem}. {_JOURNAL_CURE}.")
+        if entry.attempt > known.attempt:
+            problem = f"attempt {entry.attempt} of {entry.code} was never begun"
+            raise RecordError(f"{path}: line {number}: {problem}. {_JOURNAL_CURE}.")
+    return entries
+
+
+def _standing(entries: Sequence[Entry], path: Path) -> list[Entry]:
+    """Return the last entry of each person, role and attempt that was not undone, in the order of the file."""
     lasts = [history.last for history in histories(entries, str(path)).values()]
     return [last[1] for last in sorted((last for last in lasts if last is not None), key=lambda last: last[0])]

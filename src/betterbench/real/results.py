@@ -204,8 +204,10 @@ class OrderCheck:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Findings, one sentence each."""
-        found = []
-        if self.longest_run > self.expected_run:
+        found: list[str] = []
+        if not self.longest_run:
+            pass  # no trial is done
+        elif self.longest_run > self.expected_run:
             found.append(
                 f"{self.longest_run} trials of one policy followed each other, and the plan has at most "
                 f"{self.expected_run}: a drift of light or calibration may look like this policy."

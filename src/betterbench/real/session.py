@@ -23,7 +23,7 @@ from betterbench.errors import BetterError, InvalidInputError, StorageError
 from betterbench.real.arm import SafeArm
 from betterbench.real.asking import RealPolicies
 from betterbench.real.limits import Limiter, SafetyLimits
-from betterbench.real.loop import Controls, TrialAbortedError, TrialRun
+from betterbench.real.loop import Controls, TrialRun
 from betterbench.real.outcomes import outcome_named
 from betterbench.real.overlap import Agreement, measure_agreement
 from betterbench.real.plan import PlannedTrial
@@ -36,6 +36,8 @@ LOOK_S = 0.1
 """Time between two looks at the scene while nothing runs [s]."""
 MEASURE_S = 1.0
 """Time between two measurements of the scene [s]."""
+
+_NOT_VALID = "the operator entered that it is not valid"
 
 logger = logging.getLogger(__name__)
 
@@ -268,6 +270,12 @@ class RealSession:
 
     def begin(self) -> None:
         """Go to the next trial: one that waits for an entry, or the next of the plan."""
+        for trial in read_run(self.folder).trials:  # a kill between the entry and the line that repeats the trial
+            for entry in trial.seen_by("operator"):
+                seen = entry.decision
+                if seen.kind == "seen" and not outcome_named(seen.outcome).scored:
+                    self._journal.repeat(trial.code, seen.note.strip() or _NOT_VALID, entry.author)
+                    break
         waiting = next((t for t in read_run(self.folder).trials if not t.seen_by("operator")), None)
         if waiting is not None:
             self._show(waiting.planned, Stage.ENTER)
@@ -285,6 +293,11 @@ class RealSession:
             self._robot.set_up(trial)
         self._agreement = self.reading = None  # of the scene before
         self._shown = _Shown(trial, stage, steps, view)
+        if stage is Stage.SETUP:
+            number = self.plan.trials.index(trial) + 1
+            told = "; ".join(step.text for step in steps)
+            where, cloth = f"{trial.code}, trial {number} of {len(self.plan.trials)}", self._twin.cloth(trial)
+            self._say(f"{where}: set up the scene. {f'Tablecloth: {cloth}. ' if cloth else ''}{told}.")
 
     def _look(self) -> None:
         """Read the robot, and measure the scene from time to time."""
@@ -355,10 +368,11 @@ class RealSession:
         policy = self._policies.get(trial.policy)
         self.controls.end.clear()
         self.controls.show = self._keep
-        folder = self._journal.begin(trial.code)
+        folder = self._journal.begin(trial.code, self.person)
         self._begun_s = time.monotonic()
         self._shown = replace(self._shown, stage=Stage.RUNNING)
         self._message = ""
+        made = None
         try:
             made = TrialRun(
                 self._arm,
@@ -371,11 +385,16 @@ class RealSession:
                 overridden=forced and not (self._agreement is not None and self._agreement.accepted),
             )
             header = made.run(folder)
-        except TrialAbortedError as problem:
+        except StorageError:
+            raise
+        except BetterError as problem:
             self._journal.abort(trial.code, str(problem))
             self._show(trial, Stage.SETUP)
             self._tell(f"{trial.code} does not count and comes again: {problem}")
             return
+        finally:
+            if made is not None and made.left_busy:
+                self._policies.discard(trial.policy)
         self._journal.end(trial.code, header.ending or "time_limit")
         self.counted += 1
         self._shown = replace(self._shown, stage=Stage.ENTER)
@@ -391,7 +410,7 @@ class RealSession:
         attempt = self._journal.state(trial.code).attempt
         enter(self.folder, trial.code, attempt, author=self.person, role="operator", outcome=outcome, note=note)
         if not outcome_named(outcome).scored:
-            self._journal.repeat(trial.code, note.strip() or "the operator entered that it is not valid", self.person)
+            self._journal.repeat(trial.code, note.strip() or _NOT_VALID, self.person)
             self._tell(f"{trial.code} is not valid and comes again.")
         else:
             self._entered.append(trial.code)

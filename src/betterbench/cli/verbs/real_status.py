@@ -10,6 +10,20 @@ import tyro
 
 from betterbench.cli.console import print_item, print_json, print_table
 
+_TITLES = {
+    "attempt": "try",
+    "late_steps": "late",
+    "held_steps": "held",
+    "limited_steps": "limited",
+    "late_frames": "frames",
+    "agreement": "match",
+    "overridden": "forced",
+    "operators": "entry",
+}
+"""Short titles of columns, so that a table fits into 80 characters."""
+_STEPS = ("late_steps", "held_steps", "limited_steps", "late_frames")
+"""Columns without room beside condition and policy."""
+
 
 def status_command(
     folder: Annotated[Path, tyro.conf.Positional], *, open_codes: bool = False, json: bool = False
@@ -59,9 +73,9 @@ def status_command(
     if not rows:
         print_item(title)
     else:
-        columns = list(rows[0])
+        columns = [name for name in rows[0] if not (open_codes and name in _STEPS)]
         cells = [[_cell(row[name]) for name in columns] for row in rows]
-        print_table([name.replace("_", " ") for name in columns], cells, title=title)
+        print_table([_TITLES.get(name, name) for name in columns], cells, title=title)
     if aborted:
         table = [[str(each[c]) for c in ("code", "attempt", "event", "reason")] for each in aborted]
         print_table(["code", "attempt", "event", "reason"], table, title="attempts that do not count")
