@@ -55,6 +55,8 @@ class Bench:
         """Check that the switch is off and the arm holds where it is."""
         assert not self.arm.is_armed
         sent = len(self.robot.commands)
+        self.robot.read()
+        time.sleep(0.2)  # servos at full speed take a moment to stop where they were told to hold
         before = self.robot.read().state
         time.sleep(0.3)
         after = self.robot.read().state
