@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import main
+from betterbench.real.plan import RealPolicy, make_plan, write_plan
 from betterbench.real.record import read_run
 
 SCRIPTED = f"python:{Path(__file__).parent / 'scripted.py'}:Reach"
@@ -75,7 +76,10 @@ def test_a_run_with_bad_options_moves_nothing(options, says, tmp_path, monkeypat
 
 
 def test_a_policy_that_reads_the_simulator_is_refused(tmp_path, capsys):
-    assert main(["real", "plan", "--out", str(tmp_path), "--policies", "a=expert", "--conditions", "O1"]) == 0
+    assert main(["real", "plan", "--out", str(tmp_path), "--policies", "a=expert", "--conditions", "O1"]) == 2
+    assert "policy a: expert reads the state of the simulator" in capsys.readouterr().err
+    assert not (tmp_path / "plan.json").exists()
+    write_plan(tmp_path, make_plan((RealPolicy("a", "expert"),), conditions=["O1"]))
     assert main(["real", "run", str(tmp_path), "--robot", "mock", "--no-page"]) == 2
     assert "policy a: expert reads the state of the simulator" in capsys.readouterr().err
 

@@ -19,7 +19,7 @@ from betterbench.errors import BetterError, InvalidInputError, PolicyError, desc
 from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo
 from betterbench.interface.actions import ActionSpace
 from betterbench.policies.factory import PolicyFactory, check_action_space, close_policy
-from betterbench.real.plan import RealPlan
+from betterbench.real.plan import RealPlan, RealPolicy
 
 START_S = 120.0
 """Longest time until a policy is ready for a trial [s]; a large one loads its weights meanwhile."""
@@ -46,6 +46,14 @@ def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, camera
         raise InvalidInputError(address, problem, "Leave ensemble out of its address")
 
 
+def require_images_suffice(policy: RealPolicy) -> None:
+    """Raise InvalidInputError if a policy reads the state of a simulator, UnknownNameError if there is none."""
+    needs = PolicyFactory(policy.address).needs
+    if needs.state or needs.trial:
+        problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
+        raise InvalidInputError(f"policy {policy.name}", problem, "Give a policy that sees images")
+
+
 class RealPolicies:
     """The policies of a plan, each made at its first trial and kept."""
 
@@ -59,10 +67,7 @@ class RealPolicies:
         self._plan, self._cameras, self._apart = plan, cameras, apart
         self._made: dict[str, Policy] = {}
         for policy in plan.policies:
-            needs = PolicyFactory(policy.address).needs
-            if needs.state or needs.trial:
-                problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
-                raise InvalidInputError(f"policy {policy.name}", problem, "Give a policy that sees images")
+            require_images_suffice(policy)
 
     def get(self, name: str) -> Policy:
         """Return a policy by its name in the plan. Raises the errors of a policy's start."""
@@ -129,14 +134,13 @@ class Asker:
         """Reset the policy and wait for it; ``check`` is called meanwhile, and may raise. Raises PolicyError."""
         self._questions.put((-1, start))
         end = time.monotonic() + START_S
-        while True:
+        answered = None
+        while answered is None:
             check()
-            try:
-                answered = self._answers.get(timeout=min(_CHECK_S, START_S))
-                break
-            except queue.Empty:
-                if time.monotonic() >= end:
-                    raise PolicyError(f"The policy was not ready after {START_S:.0f} s.") from None
+            with contextlib.suppress(queue.Empty):
+                answered = self._answers.get(timeout=_CHECK_S)
+            if answered is None and time.monotonic() >= end:
+                raise PolicyError(f"The policy was not ready after {START_S:.0f} s.")
         if answered.error is not None:
             raise answered.error
 

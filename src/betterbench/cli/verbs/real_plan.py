@@ -61,11 +61,12 @@ def plan_command(
 
 def _policy(text: str) -> RealPolicy:
     """Return a policy from NAME=ADDRESS."""
-    from betterbench.policies.kinds import kind_of
+    from betterbench.real.asking import require_images_suffice
     from betterbench.real.plan import RealPolicy
 
     name, separator, address = text.partition("=")
     if not separator or not name or not address:
         raise InvalidInputError("--policies", f"{text!r} is not NAME=ADDRESS", "Write ours=openpi://127.0.0.1:8000")
-    kind_of(address)
-    return RealPolicy(name, address)
+    policy = RealPolicy(name, address)
+    require_images_suffice(policy)  # now, because a plan is never changed
+    return policy
