@@ -64,6 +64,13 @@ def test_a_worker_imports_no_planner_no_special_functions_and_no_habits():
     assert "betterbench_calibration.independent.registry" not in modules
 
 
+def test_a_worker_process_imports_no_plan_no_statistics_and_no_server():
+    modules = imported("import betterbench.evaluation.workers.pool")
+    assert not {"betterbench.statistics", "websockets", "PIL", "trimesh"} & modules
+    inner = {n.split(".")[2] for n in modules if n.startswith("betterbench.evaluation.")}
+    assert inner == {"trials", "workers"}
+
+
 POLICY = """
 import numpy as np
 from betterbench import PolicyInfo

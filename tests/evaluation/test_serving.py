@@ -25,7 +25,7 @@ from betterbench.policies.conventions.request import read_request
 from betterbench.policies.experts import make_expert
 from betterbench.policies.kinds import make_policy
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
-from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes import Scene, engine_version
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
@@ -98,6 +98,7 @@ def known():
 def test_the_greeting_declares_every_convention(expert_server):
     with Client(expert_server) as client:
         told = client.metadata["betterbench"]
+        assert told["engine"] == f"mujoco {engine_version()}"  # of the installed distribution and of its module
     assert told["protocol"] == 1
     assert (told["preset"], told["policy"], told["chunk"]) == ("native", "expert", 8)
     assert told["action_space"] == EE_DELTA.to_json()

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from betterbench.episodes import EpisodeResult, Observer, Question, Reply, TrialContext, episode_steps, run_episode
 from betterbench.errors import (
@@ -18,7 +19,6 @@ from betterbench.errors import (
     StorageError,
     encodable,
 )
-from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
@@ -33,6 +33,9 @@ from betterbench.sim.worlds import OWN_WORLD, SceneOptions, TrialScene, World, W
 from betterbench.tasks import Looks
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+if TYPE_CHECKING:  # a worker needs no plan, which imports the statistics of sample sizes
+    from betterbench.evaluation.planning.plan import Plan
 
 logger = logging.getLogger(__name__)
 
