@@ -15,6 +15,7 @@ from betterbench.certification.support import TrainedSupport
 from betterbench.diagnosis.analysis.trace import trace_of
 from betterbench.errors import PlanningError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
+from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.policies.experts import expert_names, make_expert
 from betterbench.policies.experts.motion import delta_action
 from betterbench.policies.experts.planner import Planner
@@ -79,9 +80,9 @@ def test_expert_solves_every_condition(episode, task_id, name):
     if record.metadata.expected == Expected.SUCCEED:
         condition = resolve_condition(task_id, name).condition
         limit = get_task(task_id).step_limit(condition) - condition.watch_steps
-        assert (len(record) - 1 - condition.watch_steps) * 2.8 <= limit, (
-            "a person who teleoperates takes about three times as long"
-        )
+        # A person who teleoperates takes about three times as long; slow servos bound both.
+        factor = 2.8 if get_task(task_id).robot == USUAL_ROBOT else 2.5
+        assert (len(record) - 1 - condition.watch_steps) * factor <= limit
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Packing a fruit basket with the SO-101: the paper's real-world experiment, with its two diagnostic matrices."""
 
-from dataclasses import replace
-
 from betterbench.tasks import authoring as a
 from betterbench.tasks.authoring.condition_matrix import Horizon, State
 from betterbench.tasks.authoring.operations import Operation
@@ -18,8 +16,6 @@ MIDDLE = a.Slot("middle", 0.180, 0.218, jitter_m=0.01)
 LEFT = a.Slot("left", 0.074, 0.248, jitter_m=0.01)
 UNTRAINED = a.Slot("untrained", 0.026, 0.149, jitter_m=0.01)
 STAND = a.Slot("stand", 0.185, -0.185, jitter_m=0.005, yaw_jitter=0.15)
-# The servos are slower than the Panda: the expert takes up to 209 steps for one fruit, and a person three times that.
-PACKING = replace(a.LOOSE_PACKING, base_steps=120)
 LAYOUT_1 = {LEMON: RIGHT, MANGOSTEEN: MIDDLE, BLOCK: NEAR, SOAP: LEFT, BASKET: STAND}
 LAYOUT_2 = {LEMON: LEFT, MANGOSTEEN: NEAR, BLOCK: MIDDLE, SOAP: RIGHT, BASKET: STAND}
 
@@ -139,7 +135,7 @@ def fruit_basket() -> a.Task:
     return a.Task(
         version=2,
         title="Packing a Fruit Basket",
-        template=PACKING,
+        template=a.LOOSE_PACKING,
         slots=(NEAR, RIGHT, MIDDLE, LEFT, UNTRAINED, STAND),
         training=tuple(
             a.condition(layout, asked, cloth=cloth)
