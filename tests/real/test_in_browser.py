@@ -93,7 +93,7 @@ class Program:
 def folder(tmp_path):
     policies = (RealPolicy("left", f"{SCRIPTED}?amount=14.0"), RealPolicy("right", f"{SCRIPTED}?amount=-14.0"))
     made = tmp_path / "bench"
-    write_plan(made, make_plan(policies, time_limit_s=1.0, seed=7))
+    write_plan(made, make_plan(policies, time_limit_s=1.5, seed=7))  # a camera may be silent for 1 s
     return made
 
 
@@ -149,7 +149,7 @@ def test_a_whole_protocol_survives_whatever_happens(open_program, folder):
 
     # an unplugged camera, and a servo that stalls
     for fault, attempt, says in (
-        (("unplugged=front", "after_s=0.3"), 3, "Camera front has sent no frame"),
+        (("unplugged=front", "after_s=0"), 3, "Camera front has sent no frame"),
         (("stalled=shoulder_pan", "after_s=0"), 4, "shoulder_pan does not follow"),
     ):
         program = open_program(*fault)
@@ -187,7 +187,7 @@ def test_a_whole_protocol_survives_whatever_happens(open_program, folder):
     }
     for trial in run.trials:
         samples = trial.samples()
-        assert len(samples) == 20
+        assert len(samples) == round(plan.time_limit_s * plan.rate_hz)
         assert trial.film("front").stat().st_size > 1000
         assert len(trial.seen_by("operator")) == 1
         moved = samples.command[-1, 0] - samples.state[0, 0]
