@@ -17,10 +17,11 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any
 
+from betterbench.browser.address import origin_of
 from betterbench.browser.server import free_port
 from betterbench.errors import BetterError
 from betterbench.json_form import parse_json
-from betterbench.policies.serving.callers import is_own_host, is_own_origin
+from betterbench.policies.serving.callers import LOOPBACK_NAMES, is_own_host, is_own_origin
 
 MOST_BYTES = 1 << 16
 """Largest request [byte]."""
@@ -78,13 +79,12 @@ class PlainServer:
     @property
     def url(self) -> str:
         """The page address, with its token."""
-        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{name}:{self.port}/{self._token}/"
+        return f"{origin_of(self._host, self.port)}/{self._token}/"
 
     @property
     def is_local(self) -> bool:
         """Whether the server listens only on this machine."""
-        return self._host in ("127.0.0.1", "localhost", "::1")
+        return self._host in LOOPBACK_NAMES
 
     def close(self) -> None:
         """Stop listening. Closing it again is harmless."""

@@ -11,10 +11,12 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from betterbench.browser.address import origin_of
 from betterbench.browser.gate import Gate
 from betterbench.browser.incoming import IncomingMessages, InputKind
 from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.installation import missing_extra
+from betterbench.policies.serving.callers import LOOPBACK_NAMES
 
 STOP_S = 0.5
 """Maximum time to wait for pages to close when the server stops [s]."""
@@ -91,13 +93,12 @@ class PageServer:
     @property
     def url(self) -> str:
         """The page address, with its token."""
-        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{name}:{self.port}/{self._gate.token}"
+        return f"{origin_of(self._host, self.port)}/{self._gate.token}"
 
     @property
     def is_local(self) -> bool:
         """Whether the server listens only on this machine."""
-        return self._host in ("127.0.0.1", "localhost", "::1")
+        return self._host in LOOPBACK_NAMES
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
         """Accept values of an element, whose number viser sends only to the page."""

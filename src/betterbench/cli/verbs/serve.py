@@ -65,6 +65,7 @@ def serve_command(
     from betterbench.evaluation import open_server
     from betterbench.evaluation.serving.server import DEFAULT_CHUNK
     from betterbench.policies.batching import MAX_BATCH
+    from betterbench.policies.serving.callers import LOOPBACK_NAMES
     from betterbench.policies.serving.server import MAX_CLIENTS
     from betterbench.tasks.user_files import loading_options
 
@@ -87,7 +88,7 @@ def serve_command(
         api_key=key,
         made=None if batch is None else _batch_policy(policy),
     )
-    if api_key_env is None and host not in ("127.0.0.1", "localhost", "::1"):
+    if api_key_env is None and host not in LOOPBACK_NAMES:
         say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
     arm_words = "".join(f" {word}" for word in arm.words)
     evaluation = f"better eval --policy {shell_word(server.address)}{loading_options()} --trials 3{arm_words}"

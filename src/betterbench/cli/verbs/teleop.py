@@ -64,6 +64,7 @@ def teleop_command(
     from betterbench.demonstrations.teleop.controls import Controls
     from betterbench.demonstrations.teleop.page import Page
     from betterbench.demonstrations.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
+    from betterbench.policies.serving.callers import LOOPBACK_NAMES
 
     load_viser()
     who, shown = person_named(name, "--name"), _cameras(cameras)
@@ -76,7 +77,7 @@ def teleop_command(
         page = Page(controls, host=host, port=port, cameras=shown)
         stack.callback(page.close)
         store = stack.enter_context(DemonstrationStore(out, plan))
-        if host not in ("127.0.0.1", "localhost", "::1"):
+        if host not in LOOPBACK_NAMES:
             say(f"On {host} the token of the page is sent unencrypted; forward the port by ssh instead.")
         is_busy = _run(store, controls, page, who, shown)
     if is_busy or page.is_busy:

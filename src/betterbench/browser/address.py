@@ -1,0 +1,7 @@
+"""Address of a page as the operator's browser opens it."""
+
+
+def origin_of(host: str, port: int) -> str:
+    """Return the origin of a page on an interface: ``http://localhost:8080``; IPv6 addresses get brackets."""
+    name = "localhost" if host == "127.0.0.1" else f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}"
