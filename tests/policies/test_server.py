@@ -168,6 +168,29 @@ def test_stopping_closes_connections_and_sessions_and_frees_the_port():
         socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S)
 
 
+def test_stopping_waits_for_the_session_of_a_client_that_has_just_left(caplog):
+    closing = threading.Event()
+
+    class ClosesSlowly(Echo):
+        def close(self):
+            closing.set()
+            time.sleep(0.3)
+            super().close()
+
+    Echo.closed = ClosesSlowly.closed = 0
+    made = PolicyServer(ClosesSlowly, metadata={}, port=0)
+    made.start()
+    with caplog.at_level("INFO", logger="betterbench.policies.serving.server"):
+        with client(made) as link:
+            link.recv(timeout=PATIENCE_S)
+            ask(link, number=1)
+        assert closing.wait(PATIENCE_S)
+        made.stop()
+        told = [record.getMessage() for record in caplog.records]
+    assert ClosesSlowly.closed == 1
+    assert any("left after 1 answers" in text for text in told)
+
+
 def test_a_client_that_breaks_off_is_forgotten(server):
     with client(server) as link:
         link.recv(timeout=PATIENCE_S)

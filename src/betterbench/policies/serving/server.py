@@ -101,7 +101,9 @@ class PolicyServer:
         self._idle_while_full_s = idle_while_full_s
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
-        self._open: dict[ServerConnection, threading.Thread] = {}
+        self._open: set[ServerConnection] = set()
+        # Threads outlast their connections: they close the session and log that the client left.
+        self._talking: set[threading.Thread] = set()
         self._silent_since: dict[ServerConnection, float] = {}
         self._thread: threading.Thread | None = None
         self._server: Server = serve(
@@ -151,12 +153,12 @@ class PolicyServer:
         thread.join()
         # older releases of websockets do not close open connections
         with self._lock:
-            left = list(self._open.items())
+            left, talking = list(self._open), list(self._talking)
         # In parallel, because each close waits for an answer from a client that may not respond.
-        closing = [threading.Thread(target=_close, args=(connection,), daemon=True) for connection, _ in left]
+        closing = [threading.Thread(target=_close, args=(connection,), daemon=True) for connection in left]
         for closer in closing:
             closer.start()
-        for waited_for in (*closing, *(worker for _, worker in left)):
+        for waited_for in (*closing, *talking):
             waited_for.join(_CLOSE_TIMEOUT_S)
         if self._on_stop is not None:
             self._on_stop()
@@ -224,7 +226,8 @@ class PolicyServer:
         """Serve one client until it disconnects."""
         client = _name_of(connection.remote_address)
         with self._lock:
-            self._open[connection] = threading.current_thread()
+            self._open.add(connection)
+            self._talking.add(threading.current_thread())
         logger.info("%s connected", client)
         answered, session = 0, None
         timing: dict[str, float] = {}
@@ -257,11 +260,13 @@ class PolicyServer:
                 connection.close(_ERROR_CODE, "the previous frame contains the reason")
         finally:
             with self._lock:
-                self._open.pop(connection, None)
+                self._open.discard(connection)
                 self._silent_since.pop(connection, None)
             if session is not None:
                 session.close()
             logger.info("%s left after %d answers", client, answered)
+            with self._lock:
+                self._talking.discard(threading.current_thread())
 
     def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
         """Return the next frame of a client, or None after disconnecting a client that was silent for too long."""
