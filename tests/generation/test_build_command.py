@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from betterbench.cli.border import guarded
+from betterbench.cli.build_options import BuildOptions
 from betterbench.cli.verbs import build as verb
 from betterbench.cli.verbs.build import PAGE, build_command, read_scenarios
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -93,7 +94,7 @@ def test_scenarios_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
 def test_wrong_options_are_refused_before_the_folder_is_made(tmp_path: Path, options, said: str) -> None:
     path = written(tmp_path, "001_packing.json")
     with pytest.raises(InvalidInputError) as caught:
-        guarded(build_command)((path,), out=tmp_path / "out", **options)
+        guarded(build_command)((path,), out=tmp_path / "out", build=BuildOptions(**options))
     assert said in str(caught.value)
     assert not (tmp_path / "out").exists()
 
@@ -110,4 +111,4 @@ def test_the_page_is_there_while_the_power_is_measured(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(verb, "power_of_suite", stopped)
     with pytest.raises(KeyboardInterrupt):
-        build_command((written(tmp_path, "001_packing.json"),), out=out, power=1)
+        build_command((written(tmp_path, "001_packing.json"),), out=out, build=BuildOptions(power=1))

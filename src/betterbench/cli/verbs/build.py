@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from betterbench.cli.build_options import USUAL_BUILD, BuildOptions, ChosenBuild
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
 from betterbench.errors import InvalidInputError
 
@@ -27,12 +27,7 @@ def build_command(
     scenarios: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
     out: Path,
-    name: str = "generated",
-    seeds: int = 3,
-    demonstrations: int = 24,
-    power: int = 0,
-    workers: int | None = None,
-    catalogue: Path | None = None,
+    build: ChosenBuild = USUAL_BUILD,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
@@ -47,27 +42,11 @@ def build_command(
     Args:
         scenarios: Files of scenarios, or folders with such files, as better generate writes them.
         out: Output folder of the build, which contains the suite folder.
-        name: Name of the suite; a digest of its tasks is added.
-        seeds: Trials to certify per variation; the maximum for better eval --trials.
-        demonstrations: Expert demonstrations to measure per task.
-        power: Trials of each faulty policy per variation, to measure whether the variation exposes a fault; 0 for none.
-        workers: Number of worker processes; default: one per CPU core.
-        catalogue: Catalogue made by better assets index, from which objects missing in the library are imported.
+        build: Options of the build.
         overwrite: Replace files in the folder that better build did not write.
         json: Print one JSON document instead of a table.
     """
-    build_and_tell(
-        read_scenarios(scenarios),
-        out,
-        name=name,
-        seeds=seeds,
-        demonstrations=demonstrations,
-        power=power,
-        workers=workers,
-        catalogue=catalogue,
-        overwrite=overwrite,
-        json=json,
-    )
+    build_and_tell(read_scenarios(scenarios), out, build, overwrite=overwrite, json=json)
 
 
 def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
@@ -102,29 +81,17 @@ def _by_number(file: Path) -> tuple[int, str]:
 
 
 def build_and_tell(
-    scenarios: Sequence[Scenario],
-    out: Path,
-    *,
-    name: str,
-    seeds: int,
-    demonstrations: int,
-    power: int,
-    workers: int | None,
-    catalogue: Path | None,
-    overwrite: bool,
-    json: bool,
+    scenarios: Sequence[Scenario], out: Path, build: BuildOptions, *, overwrite: bool, json: bool
 ) -> None:
     """Build scenarios, draw the cards, measure the power if requested, write the page, and print the outcome."""
     from betterbench.cli.verbs.evaluate import prepare_robot
     from betterbench.generation.building.job import build_suite
-    from betterbench.generation.building.result import Settings
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.report.pages.build_page import write_build_page
     from betterbench.tasks import require_suite_name
 
-    settings = Settings(seeds, demonstrations)
-    processes = workers or os.cpu_count() or 1
-    require_suite_name(name, where="--name")
+    settings = build.settings
+    require_suite_name(build.name, where="--name")
     prepare_robot()
     with OutputFolder(out, "build", overwrite=overwrite):
         with progress_bar("build", len(scenarios)) as (bar, task):
@@ -138,19 +105,19 @@ def build_and_tell(
             built = build_suite(
                 scenarios,
                 out,
-                name=name,
+                name=build.name,
                 settings=settings,
-                workers=processes,
-                meshes=catalogue,
+                workers=build.processes,
+                meshes=build.catalogue,
                 on_import=lambda imported: _tell_imported(imported, out),
                 on_progress=told,
             )
         cards, matrix = {}, None
         if built.suite is not None:
             cards = draw_cards(built, out)
-            if power:  # measuring the power takes longest, and the suite can already be used and inspected
+            if build.power:  # measuring the power takes longest, and the suite can already be used and inspected
                 say(f"page without power: {write_build_page(built, out / PAGE, settings=settings, cards=cards)}")
-                matrix = power_of_suite(built, out, power, processes)
+                matrix = power_of_suite(built, out, build.power, build.processes)
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)
     _tell(built, page, json=json)
 

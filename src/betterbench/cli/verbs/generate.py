@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from betterbench.cli.build_options import USUAL_BUILD, ChosenBuild
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
 from betterbench.errors import InvalidInputError
 
@@ -28,18 +29,13 @@ def generate_command(
     replay: Path | None = None,
     key_variable: str = "OPENAI_API_KEY",
     build: bool = False,
-    catalogue: Path | None = None,
     until: int | None = None,
     quota: tuple[str, ...] = (),
     quotas: Path | None = None,
     distinct: Literal["categories", "colors"] = "categories",
     unlike: tuple[str, ...] = (),
     max_attempts: int | None = None,
-    name: str = "generated",
-    seeds: int = 3,
-    demonstrations: int = 24,
-    power: int = 0,
-    workers: int | None = None,
+    options: ChosenBuild = USUAL_BUILD,
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
@@ -52,7 +48,7 @@ def generate_command(
 
     With --until N, scenarios are drawn, built and certified until the suite has N tasks, without near-duplicates and
     under quotas, such as --quota template=loose_packing:20% axis=temporal:15%. The page growth.html shows the quotas,
-    the tasks, and the rejected scenarios.
+    the tasks, and the rejected scenarios. The last options, from --name on, are for --until and --build.
 
     Example: better generate "Pack a picnic into the lunchbox" --num 5 --out picnic
 
@@ -69,8 +65,6 @@ def generate_command(
         replay: File exchanges.jsonl of an earlier run, whose answers are used instead of a model.
         key_variable: Environment variable with the API key of the endpoint.
         build: Build and certify the tasks in the subfolder "build", as better build does.
-        catalogue: With --build: catalogue made by better assets index, from which objects missing in the library are
-            imported.
         until: Number of certified tasks in the suite.
         quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
             range (10%-30%, 3-8).
@@ -79,12 +73,7 @@ def generate_command(
             color.
         unlike: Suites to which no near-duplicates are added: better60, or suite folders.
         max_attempts: Maximum number of scenarios to build; default: three per task.
-        name: Name of the suite; a digest of its tasks is appended. This and the following options are for --until and
-            --build.
-        seeds: Trials to certify per variation; the maximum for better eval --trials.
-        demonstrations: Expert demonstrations to measure per task.
-        power: Trials of each faulty policy per variation, to measure whether the variation exposes a fault; 0 for none.
-        workers: Number of worker processes; default: one per CPU core.
+        options: Options of the build, for --until and --build.
         overwrite: Replace files in the folder that better generate did not write.
         json: Print one JSON document instead of a table.
     """
@@ -93,15 +82,13 @@ def generate_command(
     settings = GenerateSettings(target, num, model, seed, tries, vocabulary, replay, key_variable)
     if until is not None:
         from betterbench.cli.verbs.grow import grow_and_tell, read_quotas
-        from betterbench.generation.building.result import Settings
         from betterbench.generation.growth.job import GrowSettings
 
         if build:
             raise InvalidInputError("--build", "cannot be combined with --until, which builds already", "Leave it out")
         asked = read_quotas(quota, quotas)
-        measured = Settings(seeds, demonstrations)
-        growing = GrowSettings(until, settings, measured, asked, distinct, unlike, max_attempts, name)
-        grow_and_tell(growing, out, power=power, workers=workers, overwrite=overwrite, json=json)
+        growing = GrowSettings(until, settings, options.settings, asked, distinct, unlike, max_attempts, options.name)
+        grow_and_tell(growing, out, options, overwrite=overwrite, json=json)
         return
     given = {"--quota": quota, "--quotas": quotas, "--unlike": unlike, "--max-attempts": max_attempts}
     _require_unused(given, "--until", "a number of tasks")
@@ -126,18 +113,7 @@ def generate_command(
     if build:
         from betterbench.cli.verbs.build import build_command
 
-        build_command(
-            (out,),
-            out=out / "build",
-            name=name,
-            seeds=seeds,
-            demonstrations=demonstrations,
-            power=power,
-            workers=workers,
-            catalogue=catalogue,
-            overwrite=overwrite,
-            json=json,
-        )
+        build_command((out,), out=out / "build", build=options, overwrite=overwrite, json=json)
 
 
 def _require_unused(options: Mapping[str, object], needed: str, what: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from betterbench.errors import one_line
 from betterbench.jobs.lock import LOCK_NAME
 
 if TYPE_CHECKING:
+    from betterbench.cli.build_options import BuildOptions
     from betterbench.generation.growth.job import GrowProgress, GrowSettings
     from betterbench.generation.growth.quotas import Quota
     from betterbench.generation.growth.result import Growth
@@ -44,9 +44,7 @@ def _form(file: Path) -> Mapping[str, object]:
     }
 
 
-def grow_and_tell(
-    settings: GrowSettings, out: Path, *, power: int, workers: int | None, overwrite: bool, json: bool
-) -> None:
+def grow_and_tell(settings: GrowSettings, out: Path, build: BuildOptions, *, overwrite: bool, json: bool) -> None:
     """Grow a suite, draw the cards, measure the power if requested, write the page, and print the outcome."""
     from betterbench.cli.verbs.build import CARDS, draw_cards, power_of_suite
     from betterbench.cli.verbs.evaluate import prepare_robot
@@ -55,7 +53,6 @@ def grow_and_tell(
     from betterbench.jobs.outputs import OutputFolder
     from betterbench.report.pages.growth_page import write_growth_page
 
-    processes = workers or os.cpu_count() or 1
     prepared = prepare_growth(settings)
     prepare_robot()
 
@@ -75,7 +72,7 @@ def grow_and_tell(
             grown = grow_suite(
                 prepared,
                 out,
-                workers=processes,
+                workers=build.processes,
                 overwrite=overwrite,
                 on_progress=told,
                 on_round=write_so_far,
@@ -84,7 +81,7 @@ def grow_and_tell(
         if grown.suite is not None:
             built = BuildReport(tuple(task.result for task in grown.accepted), grown.suite)
             cards = draw_cards(built, out, verb="generate")
-            matrix = power_of_suite(built, out, power, processes) if power else None
+            matrix = power_of_suite(built, out, build.power, build.processes) if build.power else None
         page = write_growth_page(grown, out / PAGE, seeds=settings.build.seeds, cards=cards, power=matrix)
     _tell(grown, out, page, json=json)
 
