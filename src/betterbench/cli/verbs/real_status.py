@@ -77,8 +77,8 @@ def status_command(
         columns = [name for name in rows[0] if not (open_codes and name in _STEPS)]
         cells = [[_cell(row[name]) for name in columns] for row in rows]
         print_table([_TITLES.get(name, name) for name in columns], cells, title=title)
-    for trial in run.damaged:
-        print_item(f"{trial.code} is damaged: {trial.problem}")
+    for bad in run.damaged:
+        print_item(f"{bad.code} is damaged: {bad.problem}")
     if aborted:
         table = [[str(each[c]) for c in ("code", "attempt", "event", "reason")] for each in aborted]
         print_table(["code", "attempt", "event", "reason"], table, title="attempts that do not count")
