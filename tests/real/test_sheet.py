@@ -223,5 +223,5 @@ def test_a_browser_shows_the_pages_so_that_markers_are_found(tmp_path):
         for number, points in zip(numbers.ravel().tolist(), corners, strict=True):
             found.add(number)
             edges = np.linalg.norm(points[0] - np.roll(points[0], 1, axis=0), axis=1)
-            assert edges == pytest.approx(MARKER_MM * 96 / 25.4, abs=1.5)
+            assert edges == pytest.approx(MARKER_MM * 96 / 25.4, abs=2.5)
     assert found == set(range(len(MARKERS_MM)))
