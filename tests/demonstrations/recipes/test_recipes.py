@@ -144,8 +144,9 @@ def test_the_real_arm_has_the_papers_steps_for_pi05_and_lerobots_own_for_others(
     _, _, mine = made("lerobot", {"extends": "real_arm", "steps": 5000, "batch": 16}, policy=policy)
     assert (mine["steps"], mine["batch_size"]) == (5000, 16)
     assert any("tablecloth alone" in text for text in setup.checks) == (policy == "act")
-    with pytest.raises(InvalidInputError, match="not a multiple of 3000"):
-        made("lerobot", {"extends": "real_arm", "save_every": 3000}, policy=policy)
+    for framework in ("lerobot", "openpi"):
+        with pytest.raises(InvalidInputError, match="not a multiple of 3000"):
+            made(framework, {"extends": "real_arm", "save_every": 3000}, policy=policy)
 
 
 def test_other_frameworks_have_no_recipe_for_the_real_arm():

@@ -70,8 +70,7 @@ def trainer_setup(
     if is_real and framework not in ("openpi", "lerobot"):
         problem = f"{framework} has no recipe for the data of a real SO-101 here"
         raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or another recipe")
-    if framework == "lerobot":
-        recipe = recipe.of_policy(policy)
+    recipe = recipe.of_policy(policy if framework == "lerobot" else "pi05")
     published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
     places = tuple(data) or ((published,) if published else ())
     if not places:
