@@ -149,6 +149,12 @@ def test_the_real_arm_has_the_papers_steps_for_pi05_and_lerobots_own_for_others(
             made(framework, {"extends": "real_arm", "save_every": 3000}, policy=policy)
 
 
+def test_the_papers_steps_are_called_the_papers_for_pi05_alone():
+    setup, _, values = made("lerobot", "real_arm", policy="pi0")
+    assert (values["steps"], values["batch_size"]) == (10_000, 64)
+    assert {s.origin for s in setup.settings if s.name in ("steps", "batch_size")} == {"ours"}
+
+
 def test_other_frameworks_have_no_recipe_for_the_real_arm():
     for framework in ("gr00t", "being-h"):
         with pytest.raises(InvalidInputError, match="Use openpi or lerobot, or another recipe"):

@@ -101,7 +101,10 @@ class Recipe:
 
     def of_policy(self, policy: str) -> Recipe:
         """Return the recipe of a type of policy of LeRobot; raise InvalidInputError if save_every does not fit it."""
-        found = replace(self, fixed={**self.fixed, **self.policies.get(policy, {})})
+        fixed = dict(self.fixed)
+        if self.policies and policy != "pi05":  # the paper trained pi0.5 only
+            fixed = {name: (value, "ours", f"as pi0.5; no recipe for {policy}") for name, (value, *_) in fixed.items()}
+        found = replace(self, fixed=fixed | dict(self.policies.get(policy, {})))
         _check_saving(found, "recipe")
         return found
 
