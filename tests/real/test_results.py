@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from tests.real.protocols import POLICIES, header_of, judge, packs, protocol, st
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.real.judging import JudgeDesk
 from betterbench.real.record import RealJournal
 from betterbench.real.report_page import write_real_page
 from betterbench.real.results import compare_matrices, results_of
@@ -170,11 +172,90 @@ def test_the_command_prints_one_document_or_writes_a_page(whole, capsys, tmp_pat
     assert "--overwrite" in capsys.readouterr().err
 
 
-def test_a_changed_record_is_named(tmp_path):
+def damage(place, how):
+    """Damage the files of a trial, and return the name of the file that is wrong."""
+    name = {"samples": "samples.parquet", "film": "wrist.mp4", "gone": "front.mp4"}.get(how, "trial.json")
+    path = place / name
+    if how in ("gone", "no header"):
+        path.unlink()
+    elif how == "no folder":
+        shutil.rmtree(place)
+    else:
+        path.write_bytes(path.read_bytes() + b" ")
+    return name
+
+
+@pytest.mark.parametrize("how", ["samples", "film", "gone", "header", "no header", "no folder"])
+def test_a_damaged_trial_is_named_and_unscored_and_hides_no_other_one(tmp_path, how):
+    """One changed file refused the whole report."""
+    plan = protocol(tmp_path, conditions=("train1", "O7", "O9"))
+    for person in ("ada", "ben"):
+        judge(tmp_path, person, lambda _: "done")
+    before = results_of(tmp_path)
+    bad = next(t for t in plan.trials if (t.condition, t.policy) == ("O7", POLICIES[0].name))
+    name = damage(tmp_path / "trials" / bad.code, how)
+    results = results_of(tmp_path)
+    (damaged,) = results.run.damaged
+    assert (damaged.planned, damaged.attempt) == (bad, 1)
+    assert str(tmp_path / "trials" / bad.code / name) in damaged.problem
+
+    mine, was = results.policies[0], before.policies[0]
+    assert results.to_json()["policies"][1] == before.to_json()["policies"][1]
+    counts = was.counts
+    assert mine.counts == dataclasses.replace(counts, right=counts.right - 1, unscored=counts.unscored + 1, damaged=1)
+    assert sum(list(dataclasses.asdict(mine.counts).values())[:5]) == 3
+    assert dict(mine.labels)["unscored"] == 1
+    assert mine.unscored == {**was.unscored, ("long_horizon_matrix", State.ABSENT, State.TABLE): 1}
+    assert mine.matrices[1].cell(State.ABSENT, State.TABLE).empty
+    assert mine.lateness.steps == was.lateness.steps * 2 // 3
+    assert [a.table.n for a in results.agreements] == [5]
+    assert results.order == before.order  # it was run
+
+    document = results.to_json()
+    (form,) = [t for t in document["trials"] if t["code"] == bad.code]
+    assert (form["label"], form["rule"], form["text"]) == ("unscored", "damaged", damaged.problem)
+    assert (len(document["trials"]), [t["code"] for t in document["damaged"]]) == (6, [bad.code])
+    page = write_real_page(results, tmp_path / "page.html").read_text()
+    assert "1 damaged" in page
+    assert f'<li id="{bad.code}">' in page
+    assert "6 of 6 trials are done" in page
+
+
+def test_a_damaged_trial_of_an_ambiguous_condition_is_no_ambiguous_one(tmp_path):
+    plan = protocol(tmp_path, conditions=("O9",))
+    judge(tmp_path, "ada", lambda _: "done")
+    damage(tmp_path / "trials" / plan.trials[0].code, "film")
+    hurt = next(p for p in results_of(tmp_path).policies if p.policy.name == plan.trials[0].policy)
+    assert (hurt.counts.ambiguous, hurt.counts.unscored, hurt.counts.damaged) == (0, 1, 1)
+    assert hurt.labels == ()
+
+
+def test_every_command_goes_on_beside_a_damaged_trial(tmp_path, capsys, caplog):
     plan = protocol(tmp_path, conditions=("train1",))
-    path = tmp_path / "trials" / plan.trials[0].code / "samples.parquet"
-    path.write_bytes(path.read_bytes() + b" ")
-    with pytest.raises(RecordError, match=r"samples\.parquet: was changed"):
+    judge(tmp_path, "olga", lambda _: "done", role="operator")
+    first, second = (t.code for t in plan.trials)
+    damage(tmp_path / "trials" / first, "header")
+    assert main(["real", "report", str(tmp_path)]) == 0
+    told = "".join(capsys.readouterr())
+    assert f"{first} is damaged and therefore unscored: " in told
+    assert "trial.json" in told
+    assert main(["real", "status", str(tmp_path)]) == 0
+    assert f"{first} is damaged: " in capsys.readouterr().out
+    assert main(["real", "status", str(tmp_path), "--json"]) == 0
+    state = json.loads(capsys.readouterr().out)
+    assert (state["done"], [t["code"] for t in state["trials"]]) == (2, [second])
+    assert [t["code"] for t in state["damaged"]] == [first]
+    assert [t.code for t in JudgeDesk(tmp_path, "ada").trials] == [second]
+    assert str(tmp_path / "trials" / first) in caplog.text
+
+
+@pytest.mark.parametrize("name", ["journal.jsonl", "entries.jsonl", "plan.json"])
+def test_files_that_concern_every_trial_stay_an_error(tmp_path, name):
+    protocol(tmp_path, conditions=("train1",))
+    judge(tmp_path, "ada", lambda _: "done")
+    path = tmp_path / name
+    path.write_bytes(path.read_bytes().replace(b"2026", b"2025", 1).replace(b'"seed": 0', b'"seed": 1', 1))
+    with pytest.raises(RecordError, match=name):
         results_of(tmp_path)
 
 

@@ -115,6 +115,10 @@ VERBS: dict[str, Verb] = {
         "real:real_command",
         "Run the diagnostic protocol on a real arm.",
         commands={
+            "sheet": Verb("real_sheet:sheet_command", "Write the marker sheet to print.", takes_tasks=False),
+            "check-cameras": Verb(
+                "real_check_cameras:check_cameras_command", "Measure the front camera's pose.", takes_tasks=False
+            ),
             "plan": Verb("real_plan:plan_command", "Plan randomized trials on a real arm.", takes_tasks=False),
             "run": Verb("real_run:run_command", "Run planned trials on a real arm.", takes_tasks=False),
             "status": Verb("real_status:status_command", "Show the state of a protocol.", takes_tasks=False),

@@ -1,5 +1,6 @@
 """The diagnostic protocol on a real arm: randomized trials, safety limits, records, and what people saw.
 
+- ``sheet``: the printed markers of the scene, and the pose of the front camera.
 - ``plan``: the frozen plan of a protocol: conditions and policies in randomized blocks, and a code for each trial.
 - ``outcomes``: what a person can enter about a trial, with the definitions that pages show.
 - ``record``: the folder of a protocol: journal, samples, films and entries of people. Reading it starts no simulator.

@@ -37,9 +37,12 @@ class JudgeDesk:
         Raises:
             InvalidInputError: If no trial is done, the person was an operator of the protocol, or a judge wrote the
                 same name in another way.
-            RecordError: If a file is missing, damaged or changed.
+            RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial whose header
+                is so is left out, and the log names it.
         """
         run = read_run(folder)
+        for damaged in run.damaged:
+            logger.warning("%s", damaged.problem)
         if not run.trials:
             raise InvalidInputError(str(folder), "has no trial that is done", "Run some with better real run")
         if any(_same_name(person, other) for other in run.operators):

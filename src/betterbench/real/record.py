@@ -524,6 +524,11 @@ class RealTrial:
             raise RecordError(f"{self.folder / SAMPLES_NAME}: {problem}. {_CURE}.")
         return samples
 
+    def check(self) -> None:
+        """Raise RecordError if a file that the header names is missing or changed, or the samples are not named."""
+        for name in dict.fromkeys((SAMPLES_NAME, *self.header.files)):
+            self._checked(name)
+
     def film(self, camera: str) -> Path:
         """Return the checked film of a camera; raise RecordError if it is missing or changed."""
         return self._checked(f"{camera}.mp4")
@@ -545,13 +550,36 @@ class RealTrial:
 
 
 @dataclass(frozen=True, slots=True)
+class DamagedTrial:
+    """A trial that is done, but whose files are missing, damaged or not those that were recorded.
+
+    Attributes:
+        planned: Its line of the plan.
+        attempt: Number of the attempt, from 1.
+        folder: Its folder.
+        problem: What is wrong, with the file and the cure.
+    """
+
+    planned: PlannedTrial
+    attempt: int
+    folder: Path
+    problem: str
+
+    @property
+    def code(self) -> str:
+        """Code of the trial."""
+        return self.planned.code
+
+
+@dataclass(frozen=True, slots=True)
 class RealRun:
     """A protocol as far as it was run.
 
     Attributes:
         events: Lines of the journal.
         states: State of each trial by code.
-        trials: Trials that are done, in the order of the plan.
+        trials: Trials that are done and whose header is the recorded one, in the order of the plan.
+        damaged: The other trials that are done, in the order of the plan.
         operators: Names of everybody who was an operator, also of attempts that do not count and of entries that were
             taken back.
         judges: Names of everybody who entered as a judge.
@@ -562,6 +590,7 @@ class RealRun:
     events: tuple[Event, ...]
     states: Mapping[str, TrialProgress]
     trials: tuple[RealTrial, ...]
+    damaged: tuple[DamagedTrial, ...] = ()
     operators: frozenset[str] = frozenset()
     judges: frozenset[str] = frozenset()
 
@@ -571,10 +600,13 @@ class RealRun:
         return tuple(event for event in self.events if event.event in ("aborted", "repeated"))
 
     def trial(self, code: str) -> RealTrial:
-        """Return a trial that is done; raise InvalidInputError if it is not."""
+        """Return a trial that is done; raise InvalidInputError if it is not, and RecordError if it is damaged."""
         for trial in self.trials:
             if trial.code == code:
                 return trial
+        for damaged in self.damaged:
+            if damaged.code == code:
+                raise RecordError(damaged.problem)
         self.plan.trial(code)
         raise InvalidInputError("trial", f"{code} is not done", "Run it with better real run")
 
@@ -582,8 +614,11 @@ class RealRun:
 def read_run(folder: Path) -> RealRun:
     """Return a protocol. Samples and films are read when they are asked for.
 
+    A trial whose header is missing, damaged or changed is in :attr:`RealRun.damaged`: one bad file must not hide the
+    other trials. The plan, the journal and the entries concern all of them.
+
     Raises:
-        RecordError: If a file is missing, damaged or changed; the message names it.
+        RecordError: If the plan, the journal or the entries are missing, damaged or changed; the message names it.
     """
     plan = read_plan(folder)
     path = folder / JOURNAL_NAME
@@ -594,23 +629,33 @@ def read_run(folder: Path) -> RealRun:
     states = _progress(plan, events, path)
     entries = _entries(folder / ENTRIES_NAME, states)
     standing = _standing(entries, folder / ENTRIES_NAME)
-    trials = []
+    trials, damaged = [], []
     for planned in plan.trials:
         progress = states[planned.code]
         if progress.state != "done":
             continue
         place = folder / "trials" / planned.code
-        header = read_header(place)
-        if file_digest(place / HEADER_NAME) != progress.record:
-            raise RecordError(f"{place / HEADER_NAME}: is not the file that {path} names. {_CURE}.")
-        if (header.code, header.attempt) != (planned.code, progress.attempt):
-            problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
-            raise RecordError(f"{place / HEADER_NAME}: {problem} {planned.code}. {_CURE}.")
+        try:
+            header = _header_of(planned.code, progress, place, path)
+        except RecordError as problem:
+            damaged.append(DamagedTrial(planned, progress.attempt, place, str(problem)))
+            continue
         seen = tuple(e for e in standing if (e.code, e.attempt) == (planned.code, progress.attempt))
         trials.append(RealTrial(planned, header, place, seen))
     operators = {e.person for e in events if e.person} | {e.author for e in entries if e.role == "operator"}
     judges = frozenset(e.author for e in entries if e.role == "judge")
-    return RealRun(folder, plan, tuple(events), states, tuple(trials), frozenset(operators), judges)
+    return RealRun(folder, plan, tuple(events), states, tuple(trials), tuple(damaged), frozenset(operators), judges)
+
+
+def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -> TrialHeader:
+    """Return the header of a trial that is done; raise RecordError if it is not the one that the journal names."""
+    header = read_header(place)
+    if file_digest(place / HEADER_NAME) != progress.record:
+        raise RecordError(f"{place / HEADER_NAME}: is not the file that {journal} names. {_CURE}.")
+    if (header.code, header.attempt) != (code, progress.attempt):
+        problem = f"is the header of attempt {header.attempt} of {header.code}, not {progress.attempt} of"
+        raise RecordError(f"{place / HEADER_NAME}: {problem} {code}. {_CURE}.")
+    return header
 
 
 def _entries(path: Path, states: Mapping[str, TrialProgress]) -> tuple[Entry, ...]:

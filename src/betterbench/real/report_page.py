@@ -24,7 +24,7 @@ def write_real_page(results: RealResults, path: Path) -> Path:
             title=f"{run.plan.task.replace('_', ' ').capitalize()} on the real arm",
             run=run.folder.name,
             task=run.plan.task,
-            done=len(run.trials),
+            done=len(run.trials) + len(run.damaged),
             planned=len(run.plan.trials),
             results=results,
             contradictions=[trial for trial in results.trials if trial.label.contradiction],

@@ -1,7 +1,8 @@
 """Results of a protocol on a real arm: labels, both matrices per policy, agreement of people, and checks of the order.
 
 The matrices are the report's own (``report.tables.matrices``). Trials without a label are in none of their rates: they
-are counted beside the cell. With runs of the twin, each cell is compared with the simulated one.
+are counted beside the cell. A trial whose files are not the recorded ones is damaged: named, unscored, and in no other
+number. With runs of the twin, each cell is compared with the simulated one.
 """
 
 from __future__ import annotations
@@ -9,17 +10,17 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from betterbench.diagnosis import diagnose_run
 from betterbench.diagnosis.verdict import Attempt, Evidence, RunDiagnosis, TrialDiagnosis
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.real.agreement import PairAgreement, agreements_of
-from betterbench.real.labels import Judged, RealLabel, label_trial
-from betterbench.real.plan import RealPolicy
-from betterbench.real.record import RealRun, RealTrial, read_run
+from betterbench.real.labels import UNSCORED, Judged, RealLabel, label_trial
+from betterbench.real.plan import PlannedTrial, RealPolicy
+from betterbench.real.record import DamagedTrial, RealRun, RealTrial, read_run
 from betterbench.real.signals import Closing, JointSignals
 from betterbench.records import RunFolder
 from betterbench.report.tables.cell_position import cell_of
@@ -93,9 +94,10 @@ class Counts:
         right: Trials with a right outcome.
         failed: Trials with a failure.
         ambiguous: Labelled trials of conditions with a broken premise.
-        unscored: Trials that are done and have no label.
+        unscored: Trials that are done and have no label, damaged ones included.
         open: Trials that are not done.
         contradictions: Unscored trials whose entries and joint states exclude each other.
+        damaged: Unscored trials whose files are missing, damaged or not the recorded ones.
     """
 
     right: int
@@ -104,9 +106,10 @@ class Counts:
     unscored: int
     open: int
     contradictions: int
+    damaged: int
 
     @classmethod
-    def of(cls, trials: Sequence[JudgedTrial], planned: int) -> Counts:
+    def of(cls, trials: Sequence[JudgedTrial], damaged: int, planned: int) -> Counts:
         """Return the counts of a policy."""
         right = sum(t.counted and t.label.label is not None and t.label.label.kind is Kind.NONE for t in trials)
         counted = sum(t.counted for t in trials)
@@ -115,9 +118,10 @@ class Counts:
             right,
             counted - right,
             len(trials) - counted - unscored,
-            unscored,
-            planned - len(trials),
+            unscored + damaged,
+            planned - len(trials) - damaged,
             sum(bool(t.label.contradiction) for t in trials),
+            damaged,
         )
 
 
@@ -160,16 +164,19 @@ class Lateness:
 
 @dataclass(frozen=True, slots=True)
 class PolicyResult:
-    """Results of one policy.
+    """Results of one policy in a task.
 
     Attributes:
+        damaged: Trials of the policy that are done and damaged.
         diagnosis: Labelled trials in the form of a simulated diagnosis.
         matrices: The short-horizon and the long-horizon matrix.
         unscored: Number of unscored trials by matrix name, row and column.
     """
 
     policy: RealPolicy
+    task: str
     trials: tuple[JudgedTrial, ...]
+    damaged: tuple[DamagedTrial, ...]
     counts: Counts
     lateness: Lateness
     diagnosis: RunDiagnosis
@@ -180,6 +187,7 @@ class PolicyResult:
     def labels(self) -> tuple[tuple[str, int], ...]:
         """Labels with their counts, most frequent first; ambiguous trials are left out."""
         counts = Counter(t.label.name for t in self.trials if not t.ambiguous)
+        counts.update(UNSCORED for t in self.damaged if not _is_ambiguous(t.planned, self.task))
         return tuple(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
 
@@ -309,7 +317,11 @@ class TwinComparison:
 
 @dataclass(frozen=True, slots=True)
 class RealResults:
-    """Results of a protocol."""
+    """Results of a protocol.
+
+    Attributes:
+        run: The protocol; its ``damaged`` also has the trials of which other files than the header are damaged.
+    """
 
     run: RealRun
     policies: tuple[PolicyResult, ...]
@@ -319,17 +331,21 @@ class RealResults:
 
     @property
     def trials(self) -> tuple[JudgedTrial, ...]:
-        """All trials that are done, in the order of the plan."""
+        """All trials that are done and not damaged, in the order of the plan."""
         place = {trial.code: k for k, trial in enumerate(self.run.plan.trials)}
         return tuple(sorted((t for p in self.policies for t in p.trials), key=lambda t: place[t.trial.code]))
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of ``better real report --json``."""
+        task = self.run.plan.task
+        forms = {t.trial.code: t.to_json() for t in self.trials}
+        forms |= {t.code: _damaged_form(t, task) for t in self.run.damaged}
         return {
-            "task": self.run.plan.task,
+            "task": task,
             "repeats": self.run.plan.repeats,
             "planned": len(self.run.plan.trials),
-            "trials": [trial.to_json() for trial in self.trials],
+            "trials": [forms[planned.code] for planned in self.run.plan.trials if planned.code in forms],
+            "damaged": [{"code": t.code, "problem": t.problem} for t in self.run.damaged],
             "policies": [
                 {
                     "policy": p.policy.name,
@@ -361,39 +377,70 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
     any case.
 
     Raises:
-        RecordError: If a file is missing, damaged or changed.
+        RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial with such files is
+            named in ``run.damaged`` instead.
         InvalidInputError: If a run of the twin belongs to no policy, or has another task.
     """
-    run = read_run(folder)
-    judged = [_judged(trial, run.plan.task) for trial in run.trials]
-    policies = tuple(
-        _policy_result(run, policy, [t for t in judged if t.trial.planned.policy == policy.name])
-        for policy in run.plan.policies
-    )
+    run, judged = _judged_run(read_run(folder))
+    policies = tuple(_policy_result(run, policy, judged) for policy in run.plan.policies)
     twins = tuple(_compared(path, run, policies) for path in sims)
     return RealResults(run, policies, agreements_of(run.trials), _order_check(run), twins)
 
 
+def _judged_run(run: RealRun) -> tuple[RealRun, list[JudgedTrial]]:
+    """Return the labelled trials, and the protocol in which all damaged trials are marked as such."""
+    judged, damaged = [], {trial.code: trial for trial in run.damaged}
+    for trial in run.trials:
+        try:
+            trial.check()
+            judged.append(_judged(trial, run.plan.task))
+        except RecordError as problem:
+            damaged[trial.code] = DamagedTrial(trial.planned, trial.header.attempt, trial.folder, str(problem))
+    ordered = tuple(damaged[planned.code] for planned in run.plan.trials if planned.code in damaged)
+    return replace(run, trials=tuple(t.trial for t in judged), damaged=ordered), judged
+
+
 def _judged(trial: RealTrial, task: str) -> JudgedTrial:
     label, signals, judged = label_trial(trial, task)
-    condition = resolve_condition(task, trial.planned.condition).condition
-    return JudgedTrial(trial, label, signals, judged, condition.expected.value == "ambiguous")
+    return JudgedTrial(trial, label, signals, judged, _is_ambiguous(trial.planned, task))
 
 
-def _policy_result(run: RealRun, policy: RealPolicy, trials: Sequence[JudgedTrial]) -> PolicyResult:
+def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
+    return resolve_condition(task, planned.condition).condition.expected.value == "ambiguous"
+
+
+def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
+    """Return a damaged trial in the form of the others, without anything that its files would tell."""
+    steps = ("steps", "late_steps", "held_steps", "limited_steps")
+    return {
+        **asdict(trial.planned),
+        **RealLabel(None, "damaged", trial.problem, 0.0, 0.0, "nothing").to_json(),
+        "ambiguous": _is_ambiguous(trial.planned, task),
+        "attempt": trial.attempt,
+        "judges": {},
+        "operator": None,
+        **dict.fromkeys(steps),
+    }
+
+
+def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTrial]) -> PolicyResult:
     task = run.plan.task
+    trials = [t for t in judged if t.trial.planned.policy == policy.name]
+    damaged = tuple(t for t in run.damaged if t.planned.policy == policy.name)
     labelled = tuple(_diagnosed(t, t.label.label, run) for t in trials if t.label.label is not None)
     diagnosis = RunDiagnosis(policy.name, labelled, (), (), (), {}, {}, address=policy.address)
     unscored: Counter[tuple[str, State, State]] = Counter()
-    for trial in trials:
-        at = cell_of(resolve_condition(task, trial.trial.planned.condition))
-        if trial.label.label is None and at is not None:
+    for planned in (*(t.trial.planned for t in trials if t.label.label is None), *(t.planned for t in damaged)):
+        at = cell_of(resolve_condition(task, planned.condition))
+        if at is not None:
             unscored[f"{at.horizon.value}_horizon_matrix", at.row, at.column] += 1
-    planned = sum(t.policy == policy.name for t in run.plan.trials)
+    count = sum(t.policy == policy.name for t in run.plan.trials)
     return PolicyResult(
         policy,
+        task,
         tuple(trials),
-        Counts.of(trials, planned),
+        damaged,
+        Counts.of(trials, len(damaged), count),
         Lateness.of([t.trial for t in trials]),
         diagnosis,
         matrices_of(diagnosis),
@@ -441,9 +488,9 @@ def _attempt(closing: Closing) -> Attempt:
 
 
 def _order_check(run: RealRun) -> OrderCheck:
-    """Return the order of the trials that are done, by the last attempt's beginning."""
+    """Return the order of the trials that are done, damaged ones included, by the last attempt's beginning."""
     begun = {e.code: k for k, e in enumerate(run.events) if e.event == "begun"}
-    done = [trial.planned for trial in run.trials]
+    done = [planned for planned in run.plan.trials if run.states[planned.code].state == "done"]
     order = sorted(done, key=lambda planned: begun[planned.code])
     names = [policy.name for policy in run.plan.policies]
     last = max(1, len(order) - 1)

@@ -276,7 +276,10 @@ class RealSession:
                 if seen.kind == "seen" and not outcome_named(seen.outcome).scored:
                     self._journal.repeat(trial.code, seen.note.strip() or _NOT_VALID, entry.author)
                     break
-        waiting = next((t for t in read_run(self.folder).trials if not t.seen_by("operator")), None)
+        run = read_run(self.folder)
+        for damaged in run.damaged:
+            logger.warning("%s", damaged.problem)
+        waiting = next((t for t in run.trials if not t.seen_by("operator")), None)
         if waiting is not None:
             self._show(waiting.planned, Stage.ENTER)
             return

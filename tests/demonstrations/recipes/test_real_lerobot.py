@@ -17,6 +17,7 @@ pytestmark = pytest.mark.slow
 FORMS = {
     "plain": "better",
     "libero": "libero",
+    "real": "real_arm",
     "whole": {"chunk": 16, "learning_rate": 1e-4, "frozen": {"lerobot": []}, "save_every": 1000, "seed": 3},
 }
 POLICIES = ("act", "diffusion", "smolvla", "pi0", "pi05")

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tyro
 import yaml
@@ -16,9 +17,11 @@ import yaml
 from betterbench.cli.main import main
 from betterbench.demonstrations.export.layout import layout_of
 from betterbench.demonstrations.recipes import recipe_of, setup_files, trainer_setup
+from betterbench.demonstrations.recipes.trainer import SO101_COLUMNS
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError
-from betterbench.policies.conventions.presets import adapter_of
+from betterbench.policies.conventions.presets import PRESETS, adapter_of
 from betterbench.policies.kinds import read_address
+from betterbench.tasks import get_task
 
 sys.path.insert(0, str(Path(__file__).parent))
 from upstream import OPENPI, EmbodimentTag, being_h_parser, gr00t_config, install, recorder, run_file
@@ -115,6 +118,221 @@ def test_openpi_takes_the_configuration(recipe, frozen, tmp_path, monkeypatch):
     run_file(path, "__main__")
     assert sys.modules["openpi.training.config"]._CONFIGS_DICT["mine_pi05"]["name"] == "mine_pi05"
     assert sys.argv[1:] == ["policy:checkpoint", "--policy.config=mine_pi05", "--policy.dir", "checkpoints/1"]
+
+
+REAL = {"act": (100_000, 8), "smolvla": (20_000, 64), "pi05": (10_000, 64)}
+
+
+@pytest.mark.golden
+@pytest.mark.parametrize("framework", ["openpi", "lerobot"])
+def test_golden_of_the_real_arm(framework, golden):
+    text = ""
+    for policy in ("pi05",) if framework == "openpi" else REAL:
+        _, files, _ = made(framework, "real_arm", policy=policy)
+        text += "".join(f"==> {policy}: {name} <==\n{files[name]}\n" for name in sorted(files))
+    golden(f"{framework}_real_arm.txt", text)
+
+
+@pytest.mark.parametrize("policy", REAL)
+def test_the_real_arm_has_the_papers_steps_for_pi05_and_lerobots_own_for_others(policy):
+    setup, _, values = made("lerobot", "real_arm", policy=policy)
+    assert (values["steps"], values["batch_size"]) == REAL[policy]
+    assert values["steps"] % values["save_freq"] == 0
+    decided = {s.name: s.origin for s in setup.settings}
+    assert decided["steps"] == ("paper" if policy == "pi05" else "upstream")
+    assert decided["batch_size"] == "upstream"
+    _, _, mine = made("lerobot", {"extends": "real_arm", "steps": 5000, "batch": 16}, policy=policy)
+    assert (mine["steps"], mine["batch_size"]) == (5000, 16)
+    assert any("tablecloth alone" in text for text in setup.checks) == (policy == "act")
+    for framework in ("lerobot", "openpi"):
+        with pytest.raises(InvalidInputError, match="not a multiple of 3000"):
+            made(framework, {"extends": "real_arm", "save_every": 3000}, policy=policy)
+
+
+def test_the_papers_steps_are_called_the_papers_for_pi05_alone():
+    setup, _, values = made("lerobot", "real_arm", policy="pi0")
+    assert (values["steps"], values["batch_size"]) == (10_000, 64)
+    assert {s.origin for s in setup.settings if s.name in ("steps", "batch_size")} == {"ours"}
+
+
+def test_other_frameworks_have_no_recipe_for_the_real_arm():
+    for framework in ("gr00t", "being-h"):
+        with pytest.raises(InvalidInputError, match="Use openpi or lerobot, or another recipe"):
+            made(framework, "real_arm")
+    with pytest.raises(UnknownNameError, match="real_arm"):
+        recipe_of("real_arms")
+
+
+@pytest.mark.parametrize("framework", ["openpi", "lerobot"])
+def test_the_paper_has_25_demonstrations_of_each_training_condition(framework):
+    task = get_task("fruit_basket")
+    setup, _, _ = made(framework, "real_arm", data=("sets/fruit",))
+    lines = [line for _, told in setup.commands for line in told.splitlines() if line.startswith("lerobot-record")]
+    assert len(lines) == len(task.training) == 4
+    for number, (line, condition) in enumerate(zip(lines, task.training, strict=True)):
+        words = dict(word.removeprefix("--").partition("=")[::2] for word in shlex.split(line)[1:])
+        assert words["dataset.num_episodes"] == "25"
+        assert words["dataset.single_task"] == condition.instruction.text
+        assert ("resume" in words) == bool(number)
+        assert set(yaml.safe_load(words["robot.cameras"])) == {"front", "wrist"}
+        assert words["dataset.root"] == "sets/fruit"
+        assert words["robot.use_degrees"] == words["teleop.use_degrees"] == "true"  # LeRobot 0.4 has another default
+    assert any("100 in all" in text for text in setup.checks)
+
+
+@pytest.mark.parametrize("framework", ["openpi", "lerobot"])
+def test_the_commands_of_the_real_arm_are_those_of_better(framework, tmp_path, monkeypatch):
+    """Each line is parsed by the command that it names; the plan is really made."""
+    setup, _, _ = made(framework, "real_arm")
+    monkeypatch.chdir(tmp_path)
+    lines = [shlex.split(line) for line in setup.evaluation.splitlines() if not line.startswith("#")]
+    assert [line[:3] for line in lines if line[1] == "real"] == [
+        ["better", "real", name] for name in ("plan", "run", "judge", "report")
+    ]
+    plan = next(line for line in lines if line[2] == "plan")
+    assert main(plan[1:]) == 0
+    from betterbench.real.plan import read_plan
+
+    found = read_plan(tmp_path / "bench")
+    assert (found.rate_hz, found.unit, found.repeats, len(found.conditions)) == (20.0, "degrees", 3, 18)
+    adapter = PRESETS[read_address(found.policies[0].address).options["preset"]]
+    assert {rule.key[0] for rule in adapter.views} == {"observation.images.front", "observation.images.wrist"}
+    evaluate = next(line for line in lines if line[1] == "eval")
+    assert evaluate[evaluate.index("--action-space") + 1] == adapter.answer.space == "so101_degrees"
+    assert evaluate[evaluate.index("--policy") + 1] == found.policies[0].address
+    report = next(line for line in lines if line[2] == "report")
+    assert report[report.index("--sim") + 1] == evaluate[evaluate.index("--out") + 1]
+
+
+class Transforms:
+    """openpi's transforms of actions and names, from their description."""
+
+    class Group:
+        def __init__(self, inputs=(), outputs=()):
+            self.inputs, self.outputs = inputs, outputs
+
+    @staticmethod
+    def make_bool_mask(*sizes):
+        return tuple(size > 0 for size in sizes for _ in range(abs(size)))
+
+    class RepackTransform:
+        def __init__(self, structure):
+            self.structure = structure
+
+        def __call__(self, data):
+            return {name: data[old] for name, old in self.structure.items()}
+
+    class DeltaActions:
+        sign = -1.0
+
+        def __init__(self, mask):
+            self.mask = np.array(mask)
+
+        def __call__(self, data):
+            if "actions" in data:
+                count = len(self.mask)
+                data["actions"][..., :count] += self.sign * np.where(self.mask, data["state"][..., :count], 0.0)
+            return data
+
+    class AbsoluteActions(DeltaActions):
+        sign = 1.0
+
+
+def test_openpi_takes_the_configuration_of_the_real_arm(tmp_path, monkeypatch):
+    _, files, _ = made("openpi", "real_arm")
+    for name in ("real_arm_pi05.py", "better_so101.py"):
+        (tmp_path / name).write_text(files[name])
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "better_so101", raising=False)
+    names = ("Group", "make_bool_mask", "RepackTransform", "DeltaActions", "AbsoluteActions")
+    install(
+        monkeypatch,
+        flax__nnx={"Nothing": lambda: lambda _: False},
+        openpi__models__pi0_config={"Pi0Config": recorder("Pi0Config")},
+        openpi__training__config={n: recorder(n) for n in OPENPI if n.endswith("Config") and n != "Pi0Config"}
+        | {"_CONFIGS_DICT": {}, "ModelTransformFactory": dict},
+        openpi__training__optimizer={n: recorder(n) for n in ("CosineDecaySchedule", "AdamW")},
+        openpi__training__weight_loaders={"CheckpointWeightLoader": recorder("CheckpointWeightLoader")},
+        openpi__transforms={name: getattr(Transforms, name) for name in names},
+    )
+    config = run_file(tmp_path / "real_arm_pi05.py")["train_config"]()
+    assert (config["batch_size"], config["num_train_steps"], config["ema_decay"]) == (64, 10_000, 0.99)
+    assert config["model"] == {"pi05": True, "action_horizon": 50, "discrete_state_input": True, "class": "Pi0Config"}
+    data = config["data"]
+    assert data["class"] == "SimpleDataConfig"
+    assert data["base_config"]["action_sequence_keys"] == ["action"]
+    group = data["data_transforms"](None)
+    # The transforms are pickled for the worker processes of the data loader, in which this file is not __main__.
+    assert {f.__module__ for f in (group.inputs[0], group.outputs[-1])} == {"better_so101"}
+
+    draw = np.random.default_rng(0)
+    state, actions = draw.normal(0.0, 40.0, 6), draw.normal(0.0, 40.0, (50, 6))
+    frame = {
+        "observation.images.front": draw.random((3, 480, 640), dtype=np.float32),
+        "observation.images.wrist": draw.random((3, 480, 640), dtype=np.float32),
+        "observation.state": state, "action": actions, "prompt": "Put the lemon into the fruit basket.",
+    }  # fmt: skip
+    sample = data["base_config"]["repack_transforms"].inputs[0](frame)
+    for step in group.inputs:
+        sample = step(sample)
+    assert set(sample["image"]) == {"base_0_rgb", "left_wrist_0_rgb", "right_wrist_0_rgb"}
+    for name, camera in (("base_0_rgb", "front"), ("left_wrist_0_rgb", "wrist")):
+        image = np.moveaxis(frame[f"observation.images.{camera}"], 0, -1)
+        assert sample["image"][name].dtype == np.uint8
+        assert np.abs(sample["image"][name] / 255.0 - image).max() < 0.003
+    assert [bool(v) for v in sample["image_mask"].values()] == [True, True, False]
+    assert np.allclose(sample["actions"][:, :5], actions[:, :5] - state[:5], atol=1e-4)
+    assert np.allclose(sample["actions"][:, 5], actions[:, 5], atol=1e-4)  # the gripper stays absolute
+    assert sample["prompt"] == frame["prompt"]
+    # The model's answer has 32 numbers; the robot gets six absolute ones, under the key that the preset reads.
+    padded = {"state": np.pad(sample["state"], (0, 26)), "actions": np.pad(sample["actions"], ((0, 0), (0, 26)))}
+    for step in group.outputs:
+        padded = step(padded)
+    adapter = PRESETS["lerobot_so101_degrees"]
+    assert np.allclose(padded[adapter.answer.parts[0].key[0]], actions, atol=1e-4)
+    # A request of better real run has its own names.
+    request = {rule.key[0]: np.zeros((rule.height, rule.width, 3), np.uint8) for rule in adapter.views}
+    request |= {"observation.state": state, adapter.instruction.key[0]: "Put it there."}
+    asked = group.inputs[1](group.inputs[0](request))
+    assert asked["prompt"] == "Put it there."
+    assert asked["image"]["base_0_rgb"].shape == (256, 256, 3)
+
+
+def recorded(folder, **changed):
+    features = {
+        name: {"dtype": "float32", "shape": [6], "names": list(SO101_COLUMNS)}
+        for name in ("observation.state", "action")
+    }
+    for camera in ("front", "wrist"):
+        features[f"observation.images.{camera}"] = {
+            "dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "channels"],
+        }  # fmt: skip
+    form = {"codebase_version": "v3.0", "robot_type": "so101_follower", "total_episodes": 98, "total_frames": 29_400,
+            "fps": 30, "features": features, "splits": {"train": "0:98"}}  # fmt: skip
+    (folder / "meta").mkdir(parents=True, exist_ok=True)
+    (folder / "meta/info.json").write_text(json.dumps(form | changed))
+    return str(folder)
+
+
+def test_a_recorded_data_set_that_is_here_is_checked(tmp_path):
+    place = recorded(tmp_path / "fruit")
+    for framework in ("openpi", "lerobot"):
+        setup, _, _ = made(framework, "real_arm", data=(place,))
+        assert any("100 in all; the data have 98." in text for text in setup.checks)
+        assert any("passes over the 29,400 frames" in text for text in setup.checks)
+        assert any("The data have 30 Hz and the twin 20 Hz" in text for text in setup.checks)
+        assert "--rate-hz 30" in setup.evaluation
+        assert not any("lerobot-record" in told for _, told in setup.commands)
+    good = json.loads((tmp_path / "fruit/meta/info.json").read_text())["features"]
+    for changed, says in (
+        ({"codebase_version": "v2.1"}, "it is LeRobot v2.1, not v3.0"),
+        ({"features": {k: v for k, v in good.items() if k != "action"}}, "action does not have the six positions"),
+        ({"features": good | {"observation.state": {"names": ["x"] * 6}}}, "observation.state does not have the six"),
+        ({"features": {k: v for k, v in good.items() if "wrist" not in k}}, "it has no camera 'wrist', but front"),
+        ({"fps": 0}, "fps"),
+    ):
+        with pytest.raises(InvalidInputError, match=re.escape(says)):
+            made("lerobot", "real_arm", data=(recorded(tmp_path / "fruit", **changed),))
 
 
 def test_openpi_columns_are_those_of_its_data_config():

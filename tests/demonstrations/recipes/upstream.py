@@ -30,6 +30,7 @@ OPENPI: dict[str, tuple[str, ...]] = {
         *("repo_id", "asset_id", "norm_stats", "repack_transforms", "data_transforms", "model_transforms"),
         *("use_quantile_norm", "action_sequence_keys", "prompt_from_task", "rlds_data_dir", "action_space", "datasets"),
     ),
+    "SimpleDataConfig": ("repo_id", "assets", "base_config", "data_transforms", "model_transforms"),
     "LeRobotLiberoDataConfig": ("repo_id", "assets", "base_config", "extra_delta_transform"),
     "Pi0Config": (
         *("dtype", "paligemma_variant", "action_expert_variant", "action_dim", "action_horizon", "max_token_len"),

@@ -6,11 +6,15 @@ from typing import Annotated, Literal
 
 import tyro
 
-What = Literal["plan", "run", "status", "judge", "report"]
+What = Literal["sheet", "check-cameras", "plan", "run", "status", "judge", "report"]
 
 
 def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="COMMAND")]) -> None:
     """Run the diagnostic protocol on a real arm: plan it, run it with an operator, judge its films, report it.
+
+    sheet writes the markers and places of the scene, to print.
+
+    check-cameras measures from the markers how to move the front camera.
 
     plan writes randomized trials of conditions and policies.
 
@@ -27,6 +31,6 @@ def real_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metav
     Example: better real plan --out bench --policies ours=openpi://127.0.0.1:8000 base=lerobot:checkpoint
 
     Args:
-        what: plan, run, status, judge or report.
+        what: sheet, check-cameras, plan, run, status, judge or report.
     """
     raise AssertionError(f"better real {what} is dispatched by betterbench.cli.main")

@@ -22,9 +22,9 @@ def report_command(
     """Report a protocol: both diagnostic matrices per policy, labels with their evidence, agreement of people, order.
 
     A label follows from the joint states and from what judges saw in the films; a trial that neither of them decides
-    is unscored, and an entry that the joint states rule out is named as a contradiction. With --sim, each cell is
-    compared with a run of the same policy on the simulated twin. The report names conditions and policies: do not show
-    it to a judge who is not finished.
+    is unscored, and so is one whose files are not the recorded ones. An entry that the joint states rule out is named
+    as a contradiction. With --sim, each cell is compared with a run of the same policy on the simulated twin. The
+    report names conditions and policies: do not show it to a judge who is not finished.
 
     Example: better real report bench --sim runs/ours_on_the_twin
 
@@ -48,8 +48,11 @@ def report_command(
     with OutputFile(path, "real report", overwrite=overwrite):
         write_real_page(results, path)
     rows = [[p.policy.name, *map(str, list(asdict(p.counts).values())[:5])] for p in results.policies]
-    title = f"{len(results.run.trials)} of {len(results.run.plan.trials)} trials are done"
+    done = len(results.run.trials) + len(results.run.damaged)
+    title = f"{done} of {len(results.run.plan.trials)} trials are done"
     print_table(["policy", "right", "failed", "ambiguous", "unscored", "not done"], rows, title=title)
+    for damaged in results.run.damaged:
+        say(f"{damaged.code} is damaged and therefore unscored: {damaged.problem}", whole=True)
     for trial in results.trials:
         if trial.label.contradiction:
             say(f"{trial.trial.code}: {trial.label.contradiction}", whole=True)

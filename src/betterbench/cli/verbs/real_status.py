@@ -67,7 +67,8 @@ def status_command(
     aborted = [{"code": e.code, "attempt": e.attempt, "event": e.event, "reason": e.reason} for e in run.aborted]
     counts = {"planned": len(run.plan.trials), **{name: states[name] for name in ("done", "running", "open")}}
     if json:
-        print_json({**counts, "next": following, "trials": rows, "aborted": aborted})
+        damaged = [{"code": t.code, "attempt": t.attempt, "problem": t.problem} for t in run.damaged]
+        print_json({**counts, "next": following, "trials": rows, "damaged": damaged, "aborted": aborted})
         return
     title = f"{counts['done']} of {counts['planned']} trials are done" + (f"; next: {following}" if following else "")
     if not rows:
@@ -76,6 +77,8 @@ def status_command(
         columns = [name for name in rows[0] if not (open_codes and name in _STEPS)]
         cells = [[_cell(row[name]) for name in columns] for row in rows]
         print_table([_TITLES.get(name, name) for name in columns], cells, title=title)
+    for bad in run.damaged:
+        print_item(f"{bad.code} is damaged: {bad.problem}")
     if aborted:
         table = [[str(each[c]) for c in ("code", "attempt", "event", "reason")] for each in aborted]
         print_table(["code", "attempt", "event", "reason"], table, title="attempts that do not count")

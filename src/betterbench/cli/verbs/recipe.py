@@ -20,7 +20,7 @@ def recipe_command(
     recipe: str = "better",
     data: tuple[str, ...] = (),
     out: Path | None = None,
-    gpus: int = 4,
+    gpus: int | None = None,
     weights: str | None = None,
     policy: str = "pi05",
     sample_tokens: int = 220,
@@ -29,7 +29,7 @@ def recipe_command(
 ) -> None:
     """Write the configuration and commands to train pi0.5, GR00T, Being-H or a LeRobot policy with a recipe.
 
-    The recipe is one of the paper's (better, libero, calvin) or your own file. The output folder contains the
+    The recipe is one of the paper's (better, libero, calvin, real_arm) or your own file. The output folder contains the
     configuration, the commands in order up to the evaluation, and the source of each field. If the data set of better
     export exists on this machine, it is checked.
 
@@ -40,7 +40,7 @@ def recipe_command(
         recipe: Name of a recipe from the paper, or a YAML file.
         data: Folder of the data set, here or on the training machine; several for Being-H.
         out: Folder to write; if not given, the fields are printed.
-        gpus: Number of GPUs.
+        gpus: Number of GPUs; by default 4, and 1 for real_arm.
         weights: Initial weights; default: the framework's published weights.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
         sample_tokens: Number of tokens per sample, by which Being-H packs its sequences.

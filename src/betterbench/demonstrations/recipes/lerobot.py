@@ -11,7 +11,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from betterbench.demonstrations.recipes.recipe import Setting, given_or
-from betterbench.demonstrations.recipes.trainer import TrainerSetup, Training, evaluation_lines, export_line, exposure
+from betterbench.demonstrations.recipes.trainer import (
+    REAL_PRESET,
+    TrainerSetup,
+    Training,
+    evaluation_lines,
+    export_line,
+    exposure,
+    real_checks,
+    real_evaluation,
+    record_lines,
+)
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.quoting import shell_line
 
@@ -55,14 +65,21 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     start = "lerobot-train"
     if training.gpus > 1:
         start = f'accelerate launch --multi_gpu --num_processes={training.gpus} "$(which lerobot-train)"'
+    is_real = recipe.benchmark == "real"
     commands = [("Export the demonstrations", export_line(data, "lerobot"))] if data.preset else []
+    if is_real and data.frames is None:
+        commands.append(("Record the demonstrations, in the environment of LeRobot", record_lines(data.place)))
     commands.append(("Train", f'{start} --config_path="$HERE/train_config.json"'))
     checks = [
         exposure(training),
         f"The batch is {training.batch_of_gpu} on each of {training.gpus} GPUs: batch_size applies to one process.",
         "LeRobot cannot mix several data sets; merge them into one first.",
     ]
-    if policy in _WITHOUT_LANGUAGE:
+    if is_real:
+        checks += real_checks(data)
+    if policy in _WITHOUT_LANGUAGE and is_real:
+        checks.append(f"{policy} does not use the instruction: it can tell the two tasks by the tablecloth alone.")
+    elif policy in _WITHOUT_LANGUAGE:
         checks.append(f"{policy} does not use the instruction: export and train it per task (better export --tasks).")
     else:
         checks.append(f"{policy} loads a tokenizer or a backbone from the Hugging Face hub.")
@@ -164,6 +181,8 @@ def _nested(settings: tuple[Setting, ...]) -> dict[str, Any]:
 
 
 def _evaluation(training: Training, checkpoint: str) -> str:
+    if training.recipe.benchmark == "real":
+        return real_evaluation(training.policy, f"lerobot:{checkpoint}?preset={REAL_PRESET}", training.only_data)
     on_libero = shell_line(["lerobot-eval", f"--policy.path={checkpoint}/pretrained_model", "--env.type=libero"])
     return evaluation_lines(
         training.recipe,

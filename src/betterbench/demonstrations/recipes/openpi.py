@@ -1,13 +1,17 @@
 """Recipe for openpi (pi0.5): one Python file that registers a ``TrainConfig`` and starts openpi's own scripts.
 
 Fields: Physical-Intelligence/openpi@15a9616a, ``src/openpi/training/config.py`` (``TrainConfig``, ``pi05_libero``) and
-``src/openpi/models/pi0_config.py`` (``get_freeze_filter``).
+``src/openpi/models/pi0_config.py`` (``get_freeze_filter``). For the data of a real arm: ``SimpleDataConfig``,
+``pi05_aloha_pen_uncap``, and ``DeltaActions`` of ``src/openpi/transforms.py``.
 """
 
 from __future__ import annotations
 
 from betterbench.demonstrations.recipes.recipe import Setting, given_or
 from betterbench.demonstrations.recipes.trainer import (
+    REAL_CAMERAS,
+    REAL_PRESET,
+    SO101_COLUMNS,
     TrainerSetup,
     Training,
     TrainingData,
@@ -16,6 +20,9 @@ from betterbench.demonstrations.recipes.trainer import (
     exposure,
     filled,
     own_file,
+    real_checks,
+    real_evaluation,
+    record_lines,
 )
 from betterbench.quoting import shell_line, shell_word
 
@@ -43,6 +50,8 @@ def openpi_setup(training: Training) -> TrainerSetup:
     """Return the setup of openpi; raise InvalidInputError if it cannot follow the recipe."""
     recipe, data = training.recipe, training.only_data
     _ = training.batch_of_gpu
+    if recipe.benchmark == "real":
+        return _real_setup(training)
     name = f"{recipe.name}_pi05"
     repo_id = data.place if _on_hub(data) else f"local/{data.name}"
     settings = _settings(training, repo_id)
@@ -79,6 +88,96 @@ def openpi_setup(training: Training) -> TrainerSetup:
         _evaluation(training),
         tuple(checks),
     )
+
+
+def _real_setup(training: Training) -> TrainerSetup:
+    """Return the setup for data that LeRobot recorded with an SO-101: absolute joint positions, cameras of its own."""
+    recipe, data = training.recipe, training.only_data
+    name = f"{recipe.name}_pi05"
+    file, older = f"{name}.py", f"{data.place}_v21"
+    repo_id = f"local/{data.name}_v21"
+    settings = _real_settings(training, repo_id)
+    run = shell_line(["uv", "run", own_file(file)])
+    commands = []
+    if data.frames is None:
+        commands.append(("Record the demonstrations, in the environment of LeRobot", record_lines(data.place)))
+    linked = 'mkdir -p "$HF_LEROBOT_HOME/local" && ln -sfn '
+    linked += f'"$(realpath -- {shell_word(older)})" "$HF_LEROBOT_HOME"/{shell_word(repo_id)}'
+    convert = ["python", "ds_version_convert/v30_to_v21/convert_dataset_v30_to_v21.py"]
+    convert += [f"--repo-id={repo_id}", f"--root={older}"]
+    last = recipe.steps - 1
+    commands += [
+        ("Copy the data set: the converter replaces its folder", shell_line(["cp", "-r", data.place, older])),
+        (f"From the folder of any4lerobot, with LeRobot and datasets<4: {_CONVERTER}", shell_line(convert)),
+        ("Link the data set into openpi's folder", linked),
+        ("From openpi's folder: statistics for normalization", f"{run} norm-stats"),
+        ("Train", f"XLA_PYTHON_CLIENT_MEM_FRACTION=0.9 {run} train --exp-name {recipe.name}"),
+        ("Serve the last checkpoint", f"{run} serve --dir checkpoints/{name}/{recipe.name}/{last}"),
+    ]
+    return TrainerSetup(
+        "openpi",
+        UPSTREAM,
+        _real_files(name, settings),
+        settings,
+        tuple(commands),
+        real_evaluation("pi05", f"openpi://localhost:8000?preset={REAL_PRESET}", data),
+        (
+            exposure(training),
+            f"Steps count from 0: the last checkpoint is the folder {last}.",
+            "openpi reads LeRobot v2.1 only: its lock names lerobot 0cf86487. LeRobot records v3.0.",
+            "All weights are trained: openpi's README asks for more than 70 GB of GPU memory.",
+            *real_checks(data),
+        ),
+    )
+
+
+_CONVERTER = "Tavish9/any4lerobot@69373154"
+_ALOHA = "pi05_aloha_pen_uncap"
+
+
+def _real_settings(training: Training, repo_id: str) -> tuple[Setting, ...]:
+    recipe, form = training.recipe, training.recipe.form
+    parts, origin, where = recipe.frozen_parts("openpi")
+    rate = form.learning_rate
+    weights = training.weights or "gs://openpi-assets/checkpoints/pi05_base/params"
+    decay = 2.5e-6 if rate is None else 0.1 * rate
+    return (
+        Setting("model.pi05", True, "paper", "real-world experiments: pi0.5"),
+        given_or("model.action_horizon", form.chunk, 50, "upstream", "default"),
+        given_or("model.discrete_state_input", form.proprioception, True, "upstream", "default of pi0.5"),
+        Setting("data.repo_id", repo_id, "ours", "folder of the data set, as LeRobot v2.1"),
+        Setting("data.cameras", list(REAL_CAMERAS), "ours", "base and left wrist of pi0.5; the right wrist is masked"),
+        Setting("data.base_config.prompt_from_task", True, "upstream", "pi05_libero"),
+        Setting("data.base_config.action_sequence_keys", ["action"], "ours", "LeRobot's name"),
+        Setting(
+            "data.delta_joints", len(SO101_COLUMNS) - 1, "upstream", f"{_ALOHA}: joints relative, gripper absolute"
+        ),
+        recipe.setting("batch_size", "batch"),
+        recipe.setting("num_train_steps", "steps"),
+        Setting("lr_schedule.warmup_steps", 1_000, "upstream", "default"),
+        given_or("lr_schedule.peak_lr", rate, 2.5e-5, "upstream", "default"),
+        Setting("lr_schedule.decay_steps", 30_000, "upstream", "default"),
+        given_or("lr_schedule.decay_lr", None if rate is None else decay, decay, "upstream", "default: a tenth"),
+        Setting("optimizer.clip_gradient_norm", 1.0, "upstream", "default"),
+        Setting("ema_decay", 0.99, "upstream", "default"),
+        Setting("weight_loader.params_path", weights, "ours" if training.weights else "upstream", _ALOHA),
+        Setting("freeze_filter", _FREEZE[_ordered(parts or ())], origin, where or _ALOHA),
+        given_or("seed", form.seed, 42, "upstream", "default"),
+        given_or("save_interval", form.save_every, recipe.save_every, "ours", "every checkpoint is kept"),
+        given_or("keep_period", form.save_every, recipe.save_every, "ours", "every checkpoint is kept"),
+    )
+
+
+def _real_files(name: str, settings: tuple[Setting, ...]) -> dict[str, str]:
+    """Return the launcher, and the module that its data loader's processes import."""
+    values = {setting.name: setting.value for setting in settings}
+    texts = {field.replace(".", "_"): repr(value) for field, value in values.items()}
+    imports = "    import openpi.shared.nnx_utils as nnx_utils\n" if "nnx_utils" in values["freeze_filter"] else ""
+    told = {"freeze_filter": values["freeze_filter"], "name": name, "imports": imports, "upstream": UPSTREAM}
+    return {
+        f"{name}.py": filled("openpi_so101.txt", texts | told),
+        "better_so101.py": filled("better_so101.txt", texts | {"motors": str(len(SO101_COLUMNS))}),
+    }
 
 
 def _on_hub(data: TrainingData) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.resources
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -16,7 +16,8 @@ from betterbench.json_form import read_form, strict_form
 
 Framework = Literal["openpi", "gr00t", "being-h", "lerobot"]
 Backbone = Literal["vision", "language"]
-Benchmark = Literal["better", "libero", "calvin"]
+Benchmark = Literal["better", "libero", "calvin", "real"]
+RecipeName = Literal["better", "libero", "calvin", "real_arm"]
 Origin = Literal["paper", "upstream", "recipe", "ours"]
 """Origin of a value: the paper, the framework's own recipe, the user's recipe file, or betterbench."""
 
@@ -40,7 +41,7 @@ class Setting:
 class RecipeForm:
     """Format of a recipe file; missing fields take their values from the recipe that the file extends."""
 
-    extends: Benchmark = "better"
+    extends: RecipeName = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
     steps: Positive | None = None
     batch: Positive | None = None
@@ -62,15 +63,17 @@ class Recipe:
     Attributes:
         name: Name of the recipe, used in the names of configurations and folders.
         form: Content of the user's file.
-        fixed: Values prescribed by the paper (``steps``, ``batch``), with their location in it.
+        fixed: Steps and batch (``steps``, ``batch``), each with its origin and where it stands.
         frozen: Frozen parts of the backbone by framework, with their location in the paper.
+        policies: Other steps and batches by type of policy, of LeRobot's own recipes.
     """
 
     name: str
     benchmark: Benchmark
     form: RecipeForm
-    fixed: Mapping[str, tuple[int, str]]
+    fixed: Mapping[str, tuple[int, Origin, str]]
     frozen: Mapping[str, tuple[tuple[Backbone, ...], str]]
+    policies: Mapping[str, Mapping[str, tuple[int, Origin, str]]] = field(default_factory=dict)
 
     @property
     def steps(self) -> int:
@@ -91,10 +94,19 @@ class Recipe:
         """Return the usual number of steps between checkpoints, or all steps if this would not save the last step."""
         return usual if self.steps % usual == 0 else self.steps
 
-    def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:
+    def setting(self, name: str, what: Literal["steps", "batch"]) -> Setting:
         """Return steps or batch as the field of a framework."""
-        given = getattr(self.form, field)
-        return given_or(name, given, self.fixed[field][0], "paper", self.fixed[field][1])
+        given = getattr(self.form, what)
+        return given_or(name, given, *self.fixed[what])
+
+    def of_policy(self, policy: str) -> Recipe:
+        """Return the recipe of a type of policy of LeRobot; raise InvalidInputError if save_every does not fit it."""
+        fixed = dict(self.fixed)
+        if self.policies and policy != "pi05":  # the paper trained pi0.5 only
+            fixed = {name: (value, "ours", f"as pi0.5; no recipe for {policy}") for name, (value, *_) in fixed.items()}
+        found = replace(self, fixed=fixed | dict(self.policies.get(policy, {})))
+        _check_saving(found, "recipe")
+        return found
 
     def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
         """Return the frozen parts of a framework's backbone (None for its own default), and the source."""
@@ -116,7 +128,7 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
     """Return a recipe of the paper by name, or a recipe from the fields of a file.
 
     Args:
-        form: ``better``, ``libero`` or ``calvin``, or a map of fields.
+        form: ``better``, ``libero``, ``calvin`` or ``real_arm``, or a map of fields.
         where: File name, for errors.
 
     Raises:
@@ -137,13 +149,26 @@ def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
         name=read.name or read.extends,
         benchmark=base["benchmark"],
         form=read,
-        fixed={field: (base[field][0], base[field][1]) for field in ("steps", "batch")},
+        fixed={
+            name: (base[name][0], "upstream" if name in base.get("upstream", ()) else "paper", base[name][1])
+            for name in ("steps", "batch")
+        },
         frozen={name: (tuple(parts), told) for name, (parts, told) in base["frozen"].items()},
+        policies={
+            policy: {name: (value, "upstream", told) for name, (value, told) in fields.items()}
+            for policy, fields in base.get("policies", {}).items()
+        },
     )
+    if not recipe.policies:
+        _check_saving(recipe, where)
+    return recipe
+
+
+def _check_saving(recipe: Recipe, where: str) -> None:
+    """Raise InvalidInputError if the last step would not be saved."""
     if recipe.steps % recipe.save_every:
         problem = f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last would not be kept"
         raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or omit save_every")
-    return recipe
 
 
 @cache

@@ -17,10 +17,23 @@ from betterbench.demonstrations.recipes.recipe import Recipe, Setting
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, require_between
 from betterbench.json_form import open_form, open_seal, read_bounded, read_form
 from betterbench.quoting import ShellText, shell_line, shell_word
+from betterbench.tasks import get_task
 
 SOURCE_FILE = Path("meta/betterbench.json")
 _CURE = "Name a folder written by better export, or one that does not exist yet"
+_RECORD_AGAIN = "Name a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
 _MAX_META_BYTES = 1 << 28
+REAL_CAMERAS = ("front", "wrist")
+SO101_COLUMNS = (
+    *("shoulder_pan.pos", "shoulder_lift.pos", "elbow_flex.pos", "wrist_flex.pos", "wrist_roll.pos", "gripper.pos"),
+)
+"""Components of state and action, as LeRobot's so101_follower names them."""
+REAL_PRESET = "lerobot_so101_degrees"
+"""Layout of requests to a policy that was trained on such data."""
+REAL_RATE_HZ = 20.0
+"""Rate at which the protocol is recorded and run: that of the twin."""
+DEMONSTRATIONS = 25
+"""Demonstrations of each training condition in the paper."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +46,8 @@ class TrainingData:
         frames: Number of frames, if the data set is on this machine.
         quality: Render quality of the data set's images.
         still: Nearly constant components, which normalization amplifies.
+        rate_hz: Rate of the frames, if the data set is on this machine.
+        episodes: Number of episodes, if it is on this machine.
     """
 
     place: str
@@ -40,6 +55,8 @@ class TrainingData:
     frames: int | None = None
     quality: str = "standard"
     still: tuple[str, ...] = ()
+    rate_hz: float | None = None
+    episodes: int | None = None
 
     @property
     def name(self) -> str:
@@ -138,6 +155,8 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     if not _NAME.fullmatch(folder.name):
         problem = f"{folder.name!r}, the last part of {place!r}, cannot name a data set"
         raise InvalidInputError("--data", problem, "Rename the folder: letters, digits, '_', '.' and '-'")
+    if benchmark == "real" and folder.exists():
+        return recorded_data(folder)
     if benchmark != "better" or not folder.exists():
         return TrainingData(place, preset if benchmark == "better" else "")
     file = folder / SOURCE_FILE
@@ -166,6 +185,30 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         problem = f"its meta files are inconsistent ({one_line(repr(error), most=200)})"
         raise InvalidInputError(place, problem, cure) from error
     return TrainingData(place, preset, info.total_frames, source.quality, still)
+
+
+def recorded_data(folder: Path) -> TrainingData:
+    """Return the description of a data set that LeRobot recorded with an SO-101.
+
+    Raises:
+        InvalidInputError: If it is of another version, arm or camera than the protocol has.
+    """
+    info = _read(folder / "meta/info.json", _RECORDED, cure=_RECORD_AGAIN)
+    place = str(folder)
+    if info.codebase_version != "v3.0":
+        found = one_line(info.codebase_version, most=80)
+        raise InvalidInputError(place, f"it is LeRobot {found}, not v3.0", "Convert it with the script of LeRobot")
+    for column in ("observation.state", "action"):
+        names = info.features[column].names if column in info.features else None
+        if names is None or tuple(names) != SO101_COLUMNS:
+            problem = f"{column} does not have the six positions of an SO-101 ({SO101_COLUMNS[0]} ... gripper.pos)"
+            raise InvalidInputError(place, problem, _RECORD_AGAIN)
+    missing = [name for name in REAL_CAMERAS if f"observation.images.{name}" not in info.features]
+    if missing:
+        cameras = ", ".join(sorted(c.removeprefix("observation.images.") for c in info.features if ".images." in c))
+        problem = f"it has no camera {missing[0]!r}, but {cameras or 'none'}"
+        raise InvalidInputError(place, problem, "Name the cameras front and wrist when you record")
+    return TrainingData(place, "", info.total_frames, rate_hz=info.fps, episodes=info.total_episodes)
 
 
 def _quantiles(of: Mapping[str, Any]) -> tuple[list[float], list[float]]:
@@ -203,13 +246,34 @@ class _Info:
     total_frames: Annotated[int, Field(ge=1, le=10**12)]
 
 
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Feature:
+    """Fields of a feature that are read; the names of images are those of their axes."""
+
+    names: tuple[str, ...] | dict[str, Any] | None = None
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """Fields of ``meta/info.json`` of a recorded data set that are read."""
+
+    codebase_version: str
+    total_frames: Annotated[int, Field(ge=1, le=10**12)]
+    total_episodes: Annotated[int, Field(ge=1, le=10**9)]
+    fps: Annotated[float, Field(gt=0.0, le=1000.0)]
+    features: dict[str, _Feature]
+
+
+_RECORDED = TypeAdapter(_Recorded)
 _SOURCE, _INFO = TypeAdapter(_Source), TypeAdapter(_Info)
 _STATS, _NUMBERS = TypeAdapter(dict[str, dict[str, Any]]), TypeAdapter(list[float])
 _Form = TypeVar("_Form")
 
 
-def _read(path: Path, form: TypeAdapter[_Form]) -> _Form:
-    return read_form(form, read_bounded(path, max_bytes=_MAX_META_BYTES, cure=_CURE), where=str(path), cure=_CURE)
+def _read(path: Path, form: TypeAdapter[_Form], *, cure: str = _CURE) -> _Form:
+    return read_form(form, read_bounded(path, max_bytes=_MAX_META_BYTES, cure=cure), where=str(path), cure=cure)
 
 
 def _is_place(text: str) -> bool:
@@ -221,6 +285,65 @@ def export_line(data: TrainingData, to: str, *, images: str = "video", place: st
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
     return shell_line(words)
+
+
+def record_lines(place: str) -> str:
+    """Return the commands that record the paper's demonstrations: a session per instruction and layout of the task."""
+    task = get_task("fruit_basket")
+    lines = []
+    for number, condition in enumerate(task.training):
+        words = ["lerobot-record", "--robot.type=so101_follower", "--robot.port=/dev/ttyACM0", "--robot.id=follower"]
+        cameras = ", ".join(
+            f"{name}: {{type: opencv, index_or_path: {index}, width: 640, height: 480, fps: 30}}"
+            for name, index in zip(REAL_CAMERAS, (0, 2), strict=True)
+        )
+        words += ["--robot.use_degrees=true", f"--robot.cameras={{ {cameras} }}", "--teleop.type=so101_leader"]
+        words += [
+            "--teleop.port=/dev/ttyACM1",
+            "--teleop.id=leader",
+            "--teleop.use_degrees=true",
+            f"--dataset.repo_id=local/{Path(place).name}",
+            f"--dataset.root={place}",
+        ]
+        words += [f"--dataset.fps={REAL_RATE_HZ:g}", f"--dataset.num_episodes={DEMONSTRATIONS}"]
+        words += [f"--dataset.single_task={condition.instruction.text}", "--dataset.push_to_hub=false"]
+        words += ["--resume=true"] * bool(number)
+        lines += [f"# train{number + 1}, {condition.cloth} tablecloth:", shell_line(words)]
+    return "\n".join(lines)
+
+
+def real_evaluation(name: str, address: str, data: TrainingData) -> str:
+    """Return the commands that evaluate a policy on the real arm, and on its twin."""
+    rate = data.rate_hz or REAL_RATE_HZ
+    plan = ["better", "real", "plan", "--out", "bench", "--policies", f"{name}={address}", "--trials", "3"]
+    plan += ["--rate-hz", f"{rate:g}"] * (rate != REAL_RATE_HZ)
+    run = ["better", "real", "run", "bench", "--arm-port", "/dev/ttyACM0", "--cameras", "front=0", "wrist=2"]
+    twin = ["better", "eval", "--policy", address, "--suite", "real_world", "--action-space", "so101_degrees"]
+    return "\n".join(
+        (
+            shell_line(plan),
+            shell_line(run),
+            shell_line(["better", "real", "judge", "bench", "--person", "NAME"]),
+            "# the same policy on the twin, and both side by side:",
+            shell_line([*twin, "--trials", "3", "--out", f"runs/{name}_twin"]),
+            shell_line(["better", "real", "report", "bench", "--sim", f"runs/{name}_twin"]),
+        )
+    )
+
+
+def real_checks(data: TrainingData) -> tuple[str, ...]:
+    """Return what to look at before a training on data of a real arm."""
+    wanted = DEMONSTRATIONS * len(get_task("fruit_basket").training)
+    found = [
+        f"The paper has {DEMONSTRATIONS} demonstrations of each of four training conditions, {wanted} in all"
+        + ("." if data.episodes is None else f"; the data have {data.episodes}."),
+        "Arm and cameras stand as docs/real-setup.md says, in demonstrations and trials alike.",
+    ]
+    if data.rate_hz is not None and data.rate_hz != REAL_RATE_HZ:
+        found.append(
+            f"The data have {data.rate_hz:g} Hz and the twin {REAL_RATE_HZ:g} Hz: on the twin, the policy acts slower."
+        )
+    return tuple(found)
 
 
 def evaluation_lines(

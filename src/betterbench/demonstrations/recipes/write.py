@@ -45,7 +45,7 @@ def trainer_setup(
     recipe: Recipe,
     data: Sequence[str] = (),
     *,
-    gpus: int = 4,
+    gpus: int | None = None,
     weights: str | None = None,
     policy: str = "pi05",
     sample_tokens: int = 220,
@@ -56,7 +56,7 @@ def trainer_setup(
         framework: The framework.
         recipe: The recipe.
         data: Paths of the data sets; for LIBERO by default the published set, if the framework has one.
-        gpus: Number of GPUs.
+        gpus: Number of GPUs; by default 4, and 1 for the real arm.
         weights: Initial weights; the framework's published ones if None.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
@@ -66,13 +66,25 @@ def trainer_setup(
         UnknownNameError: If LeRobot does not have the policy type.
     """
     trainer = _TRAINERS[framework]
+    is_real = recipe.benchmark == "real"
+    if is_real and framework not in ("openpi", "lerobot"):
+        problem = f"{framework} has no recipe for the data of a real SO-101 here"
+        raise InvalidInputError("--recipe", problem, "Use openpi or lerobot, or another recipe")
+    recipe = recipe.of_policy(policy if framework == "lerobot" else "pi05")
     published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
     places = tuple(data) or ((published,) if published else ())
     if not places:
         raise InvalidInputError("--data", "is missing", "Name the folder of the data set, here or on the trainer")
     preset, version = trainer.module.PRESET, trainer.module.VERSION
     found = tuple(data_of(place, preset=preset, version=version, benchmark=recipe.benchmark) for place in places)
-    training = Training(recipe, found, gpus=gpus, weights=weights, policy=policy, sample_tokens=sample_tokens)
+    training = Training(
+        recipe,
+        found,
+        gpus=(1 if is_real else 4) if gpus is None else gpus,
+        weights=weights,
+        policy=policy,
+        sample_tokens=sample_tokens,
+    )
     setup = trainer.setup(training)
     apart = tuple(
         f"{place} does not exist here: paths are relative to the folder in which a command is run."
@@ -136,6 +148,7 @@ def _commands(setup: TrainerSetup) -> str:
 
 
 def _page(setup: TrainerSetup, recipe: Recipe) -> str:
+    given = "the steps of pi0.5" if recipe.benchmark == "real" else "steps, batch and frozen parts"
     lines = [
         f"# {recipe.name}: fine-tuning with {setup.framework}",
         "",
@@ -149,7 +162,7 @@ def _page(setup: TrainerSetup, recipe: Recipe) -> str:
         "",
         *markdown_table(("field", "value", "decided by", "where"), map(_row, setup.settings)),
         "",
-        "The paper gives steps, batch and frozen parts. All other values are taken from the framework's own recipe",
+        f"The paper gives {given}. All other values are taken from the framework's own recipe",
         "and may differ from those used in the paper.",
         "",
     ]

@@ -1,0 +1,87 @@
+"""``better real check-cameras``: the pose of the real front camera from the marker sheet, beside that of the twin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json
+from betterbench.errors import InvalidInputError, require_between
+
+
+def check_cameras_command(
+    images: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
+    *,
+    ruler_mm: float,
+    camera: str = "",
+    camera_size: tuple[int, int] = (640, 480),
+    fovy_deg: float | None = None,
+    json: bool = False,
+) -> None:
+    """Measure where the real front camera stands, with the marker sheet on the table, and how to move it.
+
+    The sheet is that of better real sheet. Its markers tell the camera's pose and lens; the pose is compared with the
+    twin's front camera. The exit status is 1 while the camera is more than 1 cm or 1 degree off.
+
+    Give an image, or --camera for the live camera. The image must have the size that better real run uses: a camera may
+    have another field of view in another size.
+
+    Example: better real check-cameras --camera 0 --ruler-mm 100
+
+    Args:
+        images: Image of the front camera, PNG or JPEG.
+        ruler_mm: Length of the printed ruler of 100 mm as you measured it, in millimeters.
+        camera: Index or path of the live camera, as in better real run.
+        camera_size: Width and height of its images in pixels.
+        fovy_deg: Vertical field of view of the lens in degrees, if it is known; by default it is measured, too.
+        json: Print one JSON document.
+    """
+    from betterbench.real.sheet.camera_pose import correction_of, measure_camera, twin_camera
+    from betterbench.real.sheet.images import image_of, live_image
+
+    for pixels in camera_size:
+        require_between("--camera-size", pixels, 120, 4096)
+    if fovy_deg is not None:
+        require_between("--fovy-deg", fovy_deg, 10.0, 150.0)
+    if len(images) + bool(camera) != 1:
+        problem = f"{len(images)} images and {'a' if camera else 'no'} camera are given"
+        raise InvalidInputError("check-cameras", problem, "Give one image, or --camera 0")
+    image = live_image(camera, camera_size) if camera else image_of(images[0])
+    found = measure_camera(image, ruler_mm=ruler_mm, fovy_deg=fovy_deg)
+    twin = twin_camera()
+    correction = correction_of(found.pose, twin)
+    if json:
+        form: dict[str, Any] = {
+            "markers": list(found.markers),
+            "reprojection_error_px": found.error_px,
+            "position_m": found.pose.position_m.tolist(),
+            "position_spread_m": found.spread_m,
+            "fovy_deg": found.pose.fovy_deg,
+            "twin_position_m": twin.position_m.tolist(),
+            "twin_fovy_deg": twin.fovy_deg,
+            "distance_m": correction.distance_m,
+            "angle_deg": correction.angle_deg,
+            "move_m": correction.move_m.tolist(),
+            "turn_deg": correction.turn_deg.tolist(),
+            "placed": correction.is_near,
+        }
+        print_json(form)
+    else:
+        x, y, z = (float(v) for v in 100.0 * found.pose.position_m)
+        side = "left" if y >= 0.0 else "right"
+        where = f"{x:.1f} cm ahead of the arm, {abs(y):.1f} cm to its {side}, {z:.1f} cm high"
+        lines = [
+            f"markers       {len(found.markers)} found, reprojection error {found.error_px:.2f} px",
+            f"camera        {where} (standard deviation {100.0 * found.spread_m:.1f} cm)",
+            f"lens          {found.pose.fovy_deg:.1f} degrees vertically; the twin's has {twin.fovy_deg:.1f}",
+            f"off the twin  {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
+            "to do         " + (" ".join(correction.sentences) if not correction.is_near else "nothing: it is placed"),
+        ]
+        if correction.lens_sentence:
+            lines.append(f"note          {correction.lens_sentence}")
+        for line in lines:
+            OUT.print(line, markup=False, soft_wrap=True)
+    if not correction.is_near:
+        raise SystemExit(1)

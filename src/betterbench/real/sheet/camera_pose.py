@@ -1,0 +1,395 @@
+"""Pose of a real camera from the markers of the printed sheet, and how to move it to the pose of the twin's camera.
+
+OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and its first
+distortion coefficient are solved for with the pose; all markers lie in one plane, but the camera looks at it obliquely,
+which tells focal length and distance apart. The standard deviations of the solution say how well.
+
+A camera pose is a position [m] in the arm's base frame (x ahead, y left, z up) and the camera's axes in OpenCV's
+convention: x to the right of the image, y downward, z along the view.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.installation import missing_extra
+from betterbench.real.sheet.layout import CELLS, DICTIONARY, MARKER_MM, RULER_MM, corners_mm
+from betterbench.sim.robots.so101 import SO101
+from betterbench.sim.robots.spec import CameraMount
+
+LEAST_MARKERS = 5
+"""Smallest number of markers: the lens is solved for, too, so that four in one corner would not do."""
+MOST_ERROR_PX = 1.1
+"""Largest reprojection error, for an image 640 pixels wide. Renderings of a flat sheet have 0.3 to 0.9, the latter with
+strong noise; with pages that lie 10 mm off they have 1.2.
+"""
+MOST_LEFT_OUT = 2
+"""Largest number of markers that are left out because they miss their places by three times the median: the arm or its
+shadow covers an edge. A page that lies wrongly has more.
+"""
+WIDTH_PX = 640
+"""Width of the image to which the limits in pixels belong."""
+MOST_BLUR_PX = 4.0
+"""Largest width of the edge from black to white (10 to 90 %), for an image 640 pixels wide. A rendering has 2; at 4,
+the position is off by up to 9 mm instead of 4.
+"""
+MOST_BLUR_ANYWHERE_PX = 3.2
+"""The same for the sharpest edges of an image in which too few markers are found; a rendering has 1.7."""
+MOST_RULER = 0.01
+"""Largest deviation of the printed ruler, as a fraction: 1 % moves the camera by 8 mm."""
+MOST_MARKER_SCALE = 0.025
+"""Largest deviation of the size of the markers from that which their distances imply. Pages that were fitted to the
+paper are 3 to 6 % smaller; renderings have up to 1 %.
+"""
+MOST_SPREAD_M = 0.02
+"""Largest standard deviation of the camera's position."""
+NEAR_FOV_DEG = 1.5
+"""Largest difference of the fields of view: it moves the edge of the image by 3 %."""
+NEAR_M, NEAR_DEG = 0.01, 1.0
+"""Largest distance and angle from the twin's camera with which the camera counts as placed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPose:
+    """Pose of a camera and its lens.
+
+    Attributes:
+        position_m: (3,) position in the base frame.
+        axes: (3, 3) directions of the camera's x, y and z axis in the base frame, as columns.
+        fovy_deg: Vertical field of view [degree].
+    """
+
+    position_m: np.ndarray
+    axes: np.ndarray
+    fovy_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredCamera:
+    """Camera as the markers show it.
+
+    Attributes:
+        markers: Numbers of the markers that were found.
+        error_px: Root mean square of the reprojection error [pixel].
+        spread_m: Standard deviation of the position, from the residuals.
+        distortion: First radial distortion coefficient.
+        blur_px: Median width of the edges of the markers [pixel].
+    """
+
+    pose: CameraPose
+    markers: tuple[int, ...]
+    error_px: float
+    spread_m: float
+    distortion: float
+    blur_px: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraCorrection:
+    """Motion that takes a camera to the pose of the twin's.
+
+    Attributes:
+        move_m: (3,) motion along x (away from the arm), y (to the arm's left) and z (up).
+        turn_deg: (3,) rotation about the camera's axes: tilt up, pan right, roll clockwise (from behind).
+        fovy_deg: Field of view of the camera, and that of the twin's.
+    """
+
+    move_m: np.ndarray
+    turn_deg: np.ndarray
+    fovy_deg: tuple[float, float]
+
+    @property
+    def distance_m(self) -> float:
+        """Distance between the cameras."""
+        return float(np.linalg.norm(self.move_m))
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle between the cameras."""
+        return float(np.linalg.norm(self.turn_deg))
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the camera counts as placed."""
+        return self.distance_m <= NEAR_M and self.angle_deg <= NEAR_DEG
+
+    @property
+    def lens_sentence(self) -> str:
+        """What to do about another lens; empty if it is that of the twin."""
+        real, twin = self.fovy_deg
+        if abs(real - twin) <= NEAR_FOV_DEG:
+            return ""
+        kind = "wider" if real > twin else "narrower"
+        return (
+            f"The lens is {kind} than the twin's, so that objects appear elsewhere in the image although the camera "
+            "stands right. Use another lens, or crop and scale the image of a wider one."
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What to do, a sentence per kind of motion; less than a millimeter or a tenth of a degree is left out."""
+        found = []
+        moves = _parts(
+            100.0 * self.move_m,
+            0.1,
+            "cm",
+            (("away from the arm", "toward the arm"), ("to the arm's left", "to the arm's right"), ("up", "down")),
+        )
+        if moves:
+            found.append(f"Move the camera {moves}.")
+        roll = ("roll it clockwise (seen from behind it)", "roll it counterclockwise (seen from behind it)")
+        ways = (("tilt it up", "tilt it down"), ("turn it to its right", "turn it to its left"), roll)
+        turns = _parts(self.turn_deg, 0.1, "degrees", ways)
+        if turns:
+            found.append(f"Then {turns}.")
+        return tuple(found)
+
+
+def _parts(values: np.ndarray, least: float, unit: str, ways: Sequence[tuple[str, str]]) -> str:
+    """Return the parts of a motion in words, the largest first."""
+    order = sorted(range(len(values)), key=lambda k: -abs(values[k]))
+    told = []
+    for k in order:
+        if abs(values[k]) >= least:
+            way = ways[k][int(values[k] < 0.0)]
+            told.append(
+                f"{abs(values[k]):.1f} {unit} {way}" if unit == "cm" else f"{way} by {abs(values[k]):.1f} {unit}"
+            )
+    return ", ".join(told)
+
+
+def twin_camera() -> CameraPose:
+    """Return the pose of the twin's front camera."""
+    if SO101.front_camera is None:
+        raise AssertionError("the SO-101 has a front camera of its own")
+    return mounted(SO101.front_camera)
+
+
+def mounted(mount: CameraMount) -> CameraPose:
+    """Return the pose of a camera that is described by its position, its target and its upward direction."""
+    position, target, up = (np.array(v) for v in (mount.position, mount.target, mount.up))
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    return CameraPose(position, np.stack([right, np.cross(forward, right), forward], axis=1), mount.fovy_deg)
+
+
+def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
+    """Return the motion that takes a camera to the pose of the twin's: first the translation, then the rotation."""
+    turn, _ = opencv().Rodrigues(camera.axes.T @ twin.axes)
+    return CameraCorrection(
+        twin.position_m - camera.position_m, np.degrees(np.ravel(turn)), (camera.fovy_deg, twin.fovy_deg)
+    )
+
+
+def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: float | None = None) -> MeasuredCamera:
+    """Return the pose of the camera that took an image, (height, width, 3) uint8 RGB.
+
+    Args:
+        image: Image with the sheet on the table.
+        ruler_mm: Measured length of the printed ruler [mm].
+        fovy_deg: Vertical field of view, if it is known [degree]; otherwise it is solved for.
+
+    Raises:
+        InvalidInputError: If the ruler, the image or the solution cannot be trusted; the message says what to do.
+        MissingDependencyError: If OpenCV is not installed.
+    """
+    if not abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
+        problem = f"the printed ruler is {ruler_mm:g} mm long instead of {RULER_MM:.0f}"
+        raise InvalidInputError("--ruler-mm", problem, "Print the sheet again at 100 %, without fitting it to the page")
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or min(image.shape[:2]) < 120:
+        problem = f"has shape {image.shape} of {image.dtype}"
+        raise InvalidInputError("image", problem, "Give a color image of at least 120 pixels on each side")
+    gray = np.ascontiguousarray(image @ np.array([0.299, 0.587, 0.114])).round().astype(np.uint8)
+    found = _markers(gray)
+    if len(found) < LEAST_MARKERS:
+        raise _too_few(gray, len(found))
+    unit = image.shape[1] / WIDTH_PX
+    blur = float(np.median([_edge_width(gray, corners) for corners in found.values()]))
+    if blur > MOST_BLUR_PX * unit:
+        problem = f"the edges of the markers are {blur:.1f} pixels wide"
+        raise InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
+    scale = ruler_mm / RULER_MM
+    camera, residuals = _solved(found, image.shape[:2], scale, fovy_deg, blur)
+    for _ in range(MOST_LEFT_OUT):
+        worst = max(residuals, key=lambda marker: residuals[marker])
+        if len(found) <= LEAST_MARKERS or residuals[worst] < 3.0 * float(np.median(list(residuals.values()))):
+            break
+        found.pop(worst)
+        camera, residuals = _solved(found, image.shape[:2], scale, fovy_deg, blur)
+    off = _marker_scale(found, image.shape[:2], camera) / scale
+    if abs(off - 1.0) > MOST_MARKER_SCALE:
+        problem = f"the markers have {100.0 * off:.1f} % of the size that their distances imply"
+        cure = "Print all pages at 100 %, and lay them edge to edge along their frames"
+        raise InvalidInputError("sheet", problem, cure)
+    if camera.error_px > MOST_ERROR_PX * unit:
+        worst = max(residuals, key=lambda marker: residuals[marker])
+        problem = f"the markers miss their places by {camera.error_px:.1f} pixels, the most marker {worst}"
+        cure = "Lay the pages edge to edge and flat, as on the overview, and check both rulers of each page"
+        raise InvalidInputError("sheet", problem, cure)
+    if camera.spread_m > MOST_SPREAD_M:
+        problem = f"the position of the camera is uncertain by {100.0 * camera.spread_m:.1f} cm"
+        raise InvalidInputError("image", problem, "Let the camera see more markers, over more of the image")
+    return camera
+
+
+# ------------------------------------------------------------------------------------------------------------ markers
+
+
+def opencv() -> Any:  # noqa: ANN401 - a module without types
+    """Return OpenCV; raise MissingDependencyError if it is not installed."""
+    try:
+        return importlib.import_module("cv2")
+    except ImportError as problem:
+        raise missing_extra("Markers in images are found by OpenCV, which is not installed", "real") from problem
+
+
+def _markers(gray: np.ndarray) -> dict[int, np.ndarray]:
+    """Return the (4, 2) corners [pixel] of each marker of the sheet by its number.
+
+    Raises:
+        InvalidInputError: If a marker is in the image twice.
+    """
+    aruco = opencv().aruco
+    options = aruco.DetectorParameters()
+    options.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
+    options.cornerRefinementWinSize = max(3, round(5 * gray.shape[1] / WIDTH_PX))
+    options.minMarkerPerimeterRate = 0.02
+    detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY)), options)
+    corners, numbers, _ = detector.detectMarkers(gray)
+    found: dict[int, np.ndarray] = {}
+    for marker, points in zip(() if numbers is None else np.ravel(numbers).tolist(), corners, strict=True):
+        if marker >= len(CELLS):
+            continue
+        if marker in found:
+            problem = f"marker {marker} is in it twice"
+            raise InvalidInputError("image", problem, "Leave one sheet on the table, and no mirror behind it")
+        found[marker] = np.asarray(points, dtype=float).reshape(4, 2)
+    return dict(sorted(found.items()))
+
+
+def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
+    """Return the error for an image with too few markers, with the reason as far as the image shows it."""
+    says = f"{count} of the sheet's {len(CELLS)} markers found, {LEAST_MARKERS} needed"
+    if len(_markers(np.ascontiguousarray(gray[:, ::-1]))) >= max(LEAST_MARKERS, count + 1):
+        return InvalidInputError(
+            "image", "it is mirrored: the markers are found in its mirror image", "Switch the mirroring off"
+        )
+    sharpest = _sharpest_edge(gray)
+    if sharpest > MOST_BLUR_ANYWHERE_PX * gray.shape[1] / WIDTH_PX:
+        problem = f"{says}; its sharpest edges are {sharpest:.0f} pixels wide, so that it is blurred"
+        return InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
+    cure = "Point the camera at the sheet, clear objects and shadows off it, and fold the arm"
+    return InvalidInputError("image", says, cure)
+
+
+def _edge_width(gray: np.ndarray, corners: np.ndarray) -> float:
+    """Return the width of the outer edges of a marker, 10 to 90 % from black to white: the median [pixel]."""
+    center, widths = corners.mean(axis=0), []
+    cell = 0.5 / 6.0  # half a cell, as a fraction of the marker's edge
+    for k in range(4):
+        first, second = corners[k], corners[(k + 1) % 4]
+        for share in (0.3, 0.5, 0.7):
+            point = first + share * (second - first)
+            inward = (center - point) * 2.0 * cell  # from the edge to the middle of the black border
+            length = float(np.linalg.norm(inward))
+            profile = _profile(gray, point - inward, point + inward)
+            low, high = profile.min(), profile.max()
+            if high - low < 25.0 or length < 1.0:
+                continue
+            share_of = (profile - low) / (high - low)
+            inside = np.count_nonzero((share_of > 0.1) & (share_of < 0.9))
+            widths.append(2.0 * length * inside / len(profile))
+    return float(np.median(widths)) if widths else math.inf
+
+
+def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 41) -> np.ndarray:
+    """Return the brightness along a line by linear interpolation."""
+    points = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+    height, width = gray.shape
+    u, v = np.clip(points[:, 0], 0, width - 1.001), np.clip(points[:, 1], 0, height - 1.001)
+    i, j = u.astype(int), v.astype(int)
+    a, b = u - i, v - j
+    picture = gray.astype(float)
+    top = picture[j, i] * (1 - a) + picture[j, i + 1] * a
+    return np.asarray(top * (1 - b) + (picture[j + 1, i] * (1 - a) + picture[j + 1, i + 1] * a) * b)
+
+
+def _sharpest_edge(gray: np.ndarray) -> float:
+    """Return the width of the sharpest edges in an image [pixel]: its contrast over its steepest slopes."""
+    smooth = opencv().GaussianBlur(gray, (0, 0), 0.7).astype(float)
+    low, high = np.percentile(smooth, (1.0, 99.0))
+    slopes = np.hypot(np.diff(smooth, axis=1)[:-1], np.diff(smooth, axis=0)[:, :-1])
+    steepest = float(np.percentile(slopes, 99.9))
+    return 0.8 * float(high - low) / max(steepest, 1e-6) if high - low >= 25.0 else math.inf
+
+
+# --------------------------------------------------------------------------------------------------------------- pose
+
+
+def _points(markers: Sequence[int], scale: float) -> np.ndarray:
+    """Return the (n, 3) corners of markers in the base frame [m]."""
+    flat = np.concatenate([corners_mm(marker) for marker in markers]) * 0.001 * scale
+    return np.column_stack([flat, np.zeros(len(flat))]).astype(np.float32)
+
+
+def _solved(
+    found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
+) -> tuple[MeasuredCamera, dict[int, float]]:
+    """Return the camera, and the reprojection error of each marker [pixel]."""
+    cv2 = opencv()
+    height, width = shape
+    points, pixels = _points(list(found), scale), np.concatenate(list(found.values())).astype(np.float32)
+    guess = 0.5 * height / math.tan(0.5 * math.radians(fovy_deg or twin_camera().fovy_deg))
+    K = np.array([[guess, 0.0, 0.5 * (width - 1)], [0.0, guess, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
+    flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    if fovy_deg is not None:
+        flags |= cv2.CALIB_FIX_FOCAL_LENGTH
+    solution = cv2.calibrateCameraExtended([points], [pixels], (width, height), K, np.zeros(5), flags=flags)
+    error, K, distortion, rotations, translations, _, spreads, _ = solution
+    R, _ = cv2.Rodrigues(rotations[0])
+    t = np.ravel(translations[0])
+    position = -R.T @ t
+    if position[2] <= 0.0 or not np.isfinite(position).all():
+        cure = "Check that the sheet lies on the table with its print up"
+        raise InvalidInputError("image", "the markers give a camera below the table", cure)
+    again, _ = cv2.projectPoints(points, rotations[0], t, K, distortion)
+    off = np.linalg.norm(again.reshape(-1, 2) - pixels, axis=1).reshape(-1, 4)
+    residuals = {marker: float(row.max()) for marker, row in zip(found, off, strict=True)}
+    fovy = math.degrees(2.0 * math.atan(0.5 * height / K[1, 1]))
+    spread = float(np.linalg.norm(np.ravel(spreads)[3:6]))
+    pose = CameraPose(position, R.T, fovy)
+    return MeasuredCamera(pose, tuple(found), float(error), spread, float(np.ravel(distortion)[0]), blur), residuals
+
+
+def _marker_scale(found: dict[int, np.ndarray], shape: tuple[int, int], camera: MeasuredCamera) -> float:
+    """Return the size of the markers on the table relative to that of the sheet.
+
+    The distances between markers decide the pose, because they are longer than the markers: pages that were printed
+    smaller and laid at the right distances show small markers on the table.
+    """
+    cv2 = opencv()
+    height, width = shape
+    focal = 0.5 * height / math.tan(0.5 * math.radians(camera.pose.fovy_deg))
+    K = np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+    sizes = []
+    for corners in found.values():
+        flat = cv2.undistortPoints(corners.reshape(-1, 1, 2), K, np.array([camera.distortion, 0, 0, 0])).reshape(4, 2)
+        rays = np.column_stack([flat, np.ones(4)]) @ camera.pose.axes.T
+        on_table = camera.pose.position_m - rays * (camera.pose.position_m[2] / rays[:, 2:])
+        sizes.append(1000.0 * math.sqrt(_area(on_table[:, :2])) / MARKER_MM)
+    return float(np.median(sizes))
+
+
+def _area(corners: np.ndarray) -> float:
+    """Return the area of a quadrilateral."""
+    x, y = corners.T
+    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))

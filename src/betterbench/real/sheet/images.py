@@ -1,0 +1,55 @@
+"""Images of the front camera: of a file, or one live frame."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_bounded
+from betterbench.real.sheet.camera_pose import opencv
+
+_MOST_BYTES = 64 << 20
+_WARM_UP = 15
+"""Frames that are dropped until exposure and focus have settled."""
+
+
+def image_of(path: Path) -> np.ndarray:
+    """Return the (height, width, 3) uint8 RGB image of a file; raise InvalidInputError if it is no image."""
+    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
+
+    data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Give an image of the front camera")
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as opened:
+            return np.asarray(opened.convert("RGB"))
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as problem:
+        raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give an image of the camera") from problem
+
+
+def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
+    """Return one frame of a camera, given by its index or path, as (height, width, 3) uint8 RGB.
+
+    Raises:
+        InvalidInputError: If the camera sends no frame, or one of another size.
+        MissingDependencyError: If OpenCV is not installed.
+    """
+    cv2 = opencv()
+    capture = cv2.VideoCapture(int(source) if source.isdigit() else source)
+    try:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
+        frame = None
+        for _ in range(_WARM_UP):
+            good, newest = capture.read()
+            frame = newest if good else frame
+    finally:
+        capture.release()
+    if frame is None:
+        cure = "Check its plug and its index (lerobot-find-cameras opencv), and close programs that use it"
+        raise InvalidInputError(f"--camera {source}", "sends no frames", cure)
+    if frame.shape[:2] != (size[1], size[0]):
+        problem = f"sends images of {frame.shape[1]} x {frame.shape[0]} pixels instead of {size[0]} x {size[1]}"
+        raise InvalidInputError(f"--camera {source}", problem, "Give --camera-size, here and to better real run")
+    return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))

@@ -1,0 +1,102 @@
+"""Layout of the marker sheet in the arm's base frame: x ahead, y to the left, in millimeters.
+
+The slots are those of the task, and the outline of the base is that of the twin's arm. Markers lie where the front
+camera sees them beside the arm, clear of the slots, of the basket and of the edges of the tiles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.tasks import get_task
+
+TASK, STAND = "fruit_basket", "stand"
+"""The task, and the slot of the basket."""
+DICTIONARY = "DICT_4X4_50"
+"""OpenCV's dictionary of the markers: four by four cells, which are the largest that still differ enough."""
+MARKER_MM = 60.0
+"""Edge of a marker with its black border: at least 18 pixels high in the twin's image of 640 x 480."""
+QUIET_MM = 10.0
+"""White margin of a marker: one cell."""
+RULER_MM = 100.0
+BASKET_MM = 208.0
+"""Diameter of the widest of the twin's baskets."""
+
+CELLS = (
+    *(0xB532, 0x0F9A, 0x332D, 0x9946, 0x549E, 0x79CD, 0x9E2E, 0xC4F2, 0xFEDA, 0xCF56, 0xF991, 0x11A7, 0x0EB7),
+)  # fmt: skip
+"""Cells of each marker by its number, row by row from the top left, the first in the highest bit; 1 is white."""
+
+MARKERS_MM = (
+    *((285.0, 325.0), (285.0, 225.0), (185.0, 325.0), (285.0, 60.0), (285.0, -70.0), (285.0, -340.0), (185.0, -340.0)),
+    *((75.0, 325.0), (-10.0, 240.0), (60.0, -100.0), (-10.0, -250.0), (80.0, -340.0), (190.0, 60.0)),
+)
+"""Center of each marker by its number."""
+
+BASE_MM = (-22.4, 64.8, 55.5)
+"""Foot of the arm's base: its rear end and front end along x, and half of its width."""
+CLEARANCE_MM = 0.5
+"""Gap on each side of the foot in the field that is cut out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """Rectangle on the table [mm]: from its rear right corner to its front left one."""
+
+    x_low: float
+    x_high: float
+    y_low: float
+    y_high: float
+
+    @property
+    def width(self) -> float:
+        """Extent along y."""
+        return self.y_high - self.y_low
+
+    @property
+    def depth(self) -> float:
+        """Extent along x."""
+        return self.x_high - self.x_low
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """Place of an object: the center of its slot and the radius within which the trials vary it [mm]."""
+
+    name: str
+    x: float
+    y: float
+    radius: float
+
+
+TILE_MM = (255.0, 190.0)
+"""Width and depth of a tile: what A4 and Letter both hold in landscape with a margin for the printer."""
+TILES = tuple(Area(x, x + TILE_MM[1], y, y + TILE_MM[0]) for x in (138.0, -52.0) for y in (114.0, -141.0, -396.0))
+"""Tiles in the order of the pages: seen from behind the arm, the far row from left to right, then the near row."""
+SHEET = Area(
+    min(t.x_low for t in TILES), max(t.x_high for t in TILES), min(t.y_low for t in TILES), max(t.y_high for t in TILES)
+)
+"""The whole sheet."""
+
+
+def spots() -> tuple[Spot, ...]:
+    """Return the slots of the task."""
+    return tuple(Spot(s.name, 1000.0 * s.x, 1000.0 * s.y, 1000.0 * s.jitter_m) for s in get_task(TASK).slots)
+
+
+def cells_of(marker: int) -> np.ndarray:
+    """Return the (4, 4) cells of a marker, True where it is white."""
+    bits = [bool(CELLS[marker] >> (15 - k) & 1) for k in range(16)]
+    return np.array(bits).reshape(4, 4)
+
+
+def corners_mm(marker: int) -> np.ndarray:
+    """Return the (4, 2) corners of a marker in the order of OpenCV: from the top left, clockwise.
+
+    Seen from behind the arm, the top of a marker is ahead.
+    """
+    x, y = MARKERS_MM[marker]
+    half = 0.5 * MARKER_MM
+    return np.array([[x + half, y + half], [x + half, y - half], [x - half, y - half], [x - half, y + half]])

@@ -1,0 +1,276 @@
+"""The camera's pose from the printed markers: measured on renderings at known poses, and refused where it would lie."""
+
+import json
+import re
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from tests.real.sheet_scene import mount_at, rendered, sheet_picture
+
+from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.interface.actions import SO101_DEGREES
+from betterbench.real.sheet import camera_pose, images
+from betterbench.real.sheet.camera_pose import correction_of, measure_camera, mounted, twin_camera
+from betterbench.real.sheet.layout import MARKERS_MM, SHEET
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.cameras import camera_matrices
+from betterbench.tasks.interventions.resolve import resolve_condition
+
+pytestmark = pytest.mark.render
+POSES = {
+    "placed": mount_at(),
+    "moved": mount_at((3.0, -2.0, 4.0), tilt=3.0, pan=-2.0, roll=4.0),
+    "narrow": mount_at((-5.0, 5.0, 0.0), tilt=2.0, pan=5.0, fovy_deg=45.0),
+    "wide": mount_at((0.0, 0.0, 10.0), tilt=-5.0, fovy_deg=60.0),
+    "far": mount_at((8.0, -6.0, 5.0), tilt=-1.0, pan=-3.0, roll=-2.0, fovy_deg=50.0),
+    "upside down": mount_at((1.0, 1.0, 1.0), roll=180.0),
+}
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    return {name: rendered(mount) for name, mount in POSES.items()}
+
+
+def errors_of(image, mount, **options):
+    """Return the error of the position [mm], of the direction [degree], and the measured camera."""
+    found = measure_camera(image, **options)
+    off = correction_of(found.pose, mounted(mount))
+    return 1000.0 * off.distance_m, off.angle_deg, found
+
+
+def distorted(image, k1, fovy_deg):
+    """Return an image as a lens with a radial distortion would take it."""
+    height, width = image.shape[:2]
+    focal = 0.5 * height / np.tan(0.5 * np.radians(fovy_deg))
+    center = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
+    K = np.array([[focal, 0.0, center[0]], [0.0, focal, center[1]], [0.0, 0.0, 1.0]])
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 1, 2).astype(np.float32)
+    source = (cv2.undistortPoints(grid, K, np.array([k1, 0.0, 0.0, 0.0]))[:, 0] * focal + center).astype(np.float32)
+    u, v = source.reshape(height, width, 2).transpose(2, 0, 1)
+    return cv2.remap(image, np.ascontiguousarray(u), np.ascontiguousarray(v), cv2.INTER_LINEAR)
+
+
+def noisy(image, level, seed=0):
+    noise = np.random.default_rng(seed).normal(0.0, level, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def test_the_pose_of_the_twin_is_that_of_its_scene():
+    setting = resolve_condition("fruit_basket", "train1")
+    scene = Scene(setting.task, setting.condition, seed=0, action_space=SO101_DEGREES, steady_views=True)
+    scene.reset(check_premise=False)
+    there = camera_matrices(scene.model, scene.data, "front", width=640, height=480)
+    pose = twin_camera()
+    assert np.allclose(pose.position_m, there.T_world_camera.position)
+    point = pose.position_m + pose.axes @ [0.1, 0.05, 0.5]
+    pixel, _ = there.project(point[None])
+    focal = 240.0 / np.tan(np.radians(0.5 * pose.fovy_deg))
+    assert np.allclose(pixel, [[319.5 + 0.2 * focal, 239.5 + 0.1 * focal]])
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_known_poses_are_measured_to_millimeters(pictures, name):
+    off_mm, off_deg, found = errors_of(pictures[name], POSES[name])
+    assert off_mm < 5.0
+    assert off_deg < 0.2
+    assert abs(found.pose.fovy_deg - POSES[name].fovy_deg) < 0.4
+    assert found.error_px < 0.8
+    assert len(found.markers) >= 9
+    fixed_mm, fixed_deg, _ = errors_of(pictures[name], POSES[name], fovy_deg=POSES[name].fovy_deg)
+    assert fixed_mm < 4.0
+    assert fixed_deg < 0.2
+
+
+@pytest.mark.parametrize(
+    ("change", "most_mm"),
+    [
+        (lambda image, _: noisy(image, 8.0), 6.0),
+        (lambda image, _: noisy(image, 20.0), 10.0),
+        (lambda image, _: cv2.GaussianBlur(image, (0, 0), 1.0), 8.0),
+        (lambda image, mount: distorted(image, -0.2, mount.fovy_deg), 8.0),
+        (lambda image, mount: distorted(image, 0.05, mount.fovy_deg), 6.0),
+        (lambda image, _: (0.35 * image).astype(np.uint8), 7.0),
+        (lambda image, _: np.clip(1.3 * image * [1.0, 0.9, 0.75], 0, 255).astype(np.uint8), 7.0),
+    ],
+    ids=["noise", "strong noise", "slight blur", "barrel", "pincushion", "dark", "warm light"],
+)
+def test_worse_images_are_measured_nearly_as_well(pictures, change, most_mm):
+    for name in ("placed", "moved", "narrow"):
+        off_mm, off_deg, _ = errors_of(change(pictures[name], POSES[name]), POSES[name])
+        assert off_mm < most_mm, name
+        assert off_deg < 0.4, name
+
+
+@pytest.mark.parametrize("sigma", [2.5, 4.0, 8.0])
+def test_a_blurred_image_is_refused_as_blurred(pictures, sigma):
+    for name in ("placed", "moved"):
+        with pytest.raises(InvalidInputError, match=r"pixels wide.*Focus the camera"):
+            measure_camera(cv2.GaussianBlur(pictures[name], (0, 0), sigma))
+
+
+def test_the_way_to_the_twin_undoes_what_was_done(pictures):
+    found = measure_camera(pictures["moved"])
+    correction = correction_of(found.pose, twin_camera())
+    assert np.allclose(100.0 * correction.move_m, [-3.0, 2.0, -4.0], atol=0.4)
+    assert not correction.is_near
+    move, turn = correction.sentences
+    assert re.search(r"(3\.[6-9]|4\.[0-4]) cm down", move)
+    assert re.search(r"cm toward the arm", move)
+    assert re.search(r"cm to the arm's left", move)
+    for part in ("tilt it down by", "turn it to its right by", "roll it counterclockwise"):
+        assert part in turn
+    for tilt, pan, roll, says in ((2, 0, 0, "tilt it down"), (0, -2, 0, "turn it to its right"), (0, 0, 2, "counterc")):
+        (only,) = correction_of(mounted(mount_at(tilt=tilt, pan=pan, roll=roll)), twin_camera()).sentences
+        assert says in only
+        assert "by 2.0 degrees" in only
+    assert correction_of(twin_camera(), twin_camera()).sentences == ()
+    assert correction_of(measure_camera(pictures["placed"]).pose, twin_camera()).is_near
+
+
+def test_a_mirrored_image_is_refused(pictures):
+    with pytest.raises(InvalidInputError, match="it is mirrored"):
+        measure_camera(np.ascontiguousarray(pictures["placed"][:, ::-1]))
+
+
+def test_too_few_markers_are_refused(pictures):
+    image = pictures["placed"].copy()
+    with pytest.raises(InvalidInputError, match=r"0 of the sheet's 13 markers found, 5 needed\. Point the camera"):
+        measure_camera(rendered(POSES["placed"], picture=np.full((40, 80), 255, np.uint8)))
+    image[270:] = 200
+    image[:, 400:] = 200
+    with pytest.raises(InvalidInputError, match=r"[1-4] of the sheet's 13 markers found, 5 needed"):
+        measure_camera(image)
+
+
+@pytest.mark.parametrize("ruler", [97.0, 103.0, 0.0, -100.0, float("nan")])
+def test_a_sheet_of_another_scale_is_refused_by_its_ruler(pictures, ruler):
+    with pytest.raises(InvalidInputError, match="Print the sheet again at 100 %"):
+        measure_camera(pictures["placed"], ruler_mm=ruler)
+
+
+def test_a_ruler_within_a_percent_corrects_the_scale():
+    image = rendered(POSES["placed"], scale=0.991)
+    blind, _, _ = errors_of(image, POSES["placed"])
+    off_mm, _, _ = errors_of(image, POSES["placed"], ruler_mm=99.1)
+    assert off_mm < 5.0
+    assert off_mm < blind
+
+
+def test_pages_that_were_printed_smaller_and_laid_at_their_places_are_refused():
+    whole = sheet_picture()
+    small, px = np.full_like(whole, 255), 4.0
+    for x, y in MARKERS_MM:  # each marker shrinks about its own center
+        u, v = (SHEET.y_high - y) * px, (SHEET.x_high - x) * px
+        half, less = 120 + 20, round(0.94 * 140)
+        patch = whole[round(v) - half : round(v) + half, round(u) - half : round(u) + half]
+        patch = cv2.resize(patch, (2 * less, 2 * less), interpolation=cv2.INTER_AREA)
+        small[round(v) - less : round(v) + less, round(u) - less : round(u) + less] = patch
+    with pytest.raises(InvalidInputError, match=r"markers have 9[3-5]\.\d % of the size that their distances imply"):
+        measure_camera(rendered(POSES["placed"], picture=small))
+
+
+def test_pages_that_are_laid_wrongly_are_refused():
+    whole = sheet_picture()
+    wrong = whole.copy()
+    wrong[:, -1020:] = np.roll(whole[:, -1020:], 40, axis=0)  # the right pages lie 10 mm nearer
+    with pytest.raises(InvalidInputError, match=r"markers miss their places by .* pixels, the most marker"):
+        measure_camera(rendered(POSES["placed"], picture=wrong))
+
+
+def test_a_marker_that_is_seen_twice_is_refused(pictures):
+    image = pictures["placed"].copy()
+    image[360:440, 20:120] = image[290:370, 0:100]
+    with pytest.raises(InvalidInputError, match=r"marker [05] is in it twice"):
+        measure_camera(image)
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((480, 640), np.uint8), np.zeros((480, 640, 3)), np.zeros((8, 8, 3), np.uint8)]
+)
+def test_other_arrays_are_refused(image):
+    with pytest.raises(InvalidInputError, match="Give a color image"):
+        measure_camera(image)
+
+
+def test_larger_images_are_measured_too():
+    image = rendered(POSES["moved"], size=(1280, 960))
+    off_mm, off_deg, _ = errors_of(image, POSES["moved"])
+    assert off_mm < 3.0
+    assert off_deg < 0.15
+
+
+def write(path, image):
+    Image.fromarray(image).save(path)
+    return str(path)
+
+
+def test_the_command_says_how_far_and_which_way(pictures, tmp_path, capsys):
+    assert main(["real", "check-cameras", write(tmp_path / "a.png", pictures["placed"]), "--ruler-mm", "100"]) == 0
+    told = capsys.readouterr().out
+    assert "nothing: it is placed" in told
+    assert re.search(r"reprojection error 0\.\d\d px", told)
+    moved = write(tmp_path / "b.jpg", pictures["moved"])
+    with pytest.raises(SystemExit) as status:
+        main(["real", "check-cameras", moved, "--ruler-mm", "100"])
+    assert status.value.code == 1
+    told = capsys.readouterr().out
+    assert re.search(r"off the twin +(4\.[6-9]|5\.\d) cm and 5\.\d degrees", told)
+    assert "cm down" in told
+    with pytest.raises(SystemExit):
+        main(["real", "check-cameras", moved, "--ruler-mm", "100", "--json"])
+    form = json.loads(capsys.readouterr().out)
+    assert form["placed"] is False
+    assert form["distance_m"] == pytest.approx(0.0539, abs=0.005)
+    with pytest.raises(SystemExit):
+        main(["real", "check-cameras", write(tmp_path / "c.png", pictures["wide"]), "--ruler-mm", "100"])
+    assert "The lens is wider than the twin's" in capsys.readouterr().out
+
+
+def test_the_command_refuses_what_is_no_image(tmp_path, capsys):
+    (tmp_path / "a.png").write_text("no image")
+    for words, says in (
+        ([str(tmp_path / "a.png")], "is not readable as PNG or JPEG"),
+        ([str(tmp_path / "b.png")], "b.png"),
+        ([], "Give one image, or --camera 0"),
+        ([str(tmp_path / "a.png"), "--camera", "0"], "Give one image, or --camera 0"),
+        (["--camera", "/nowhere/video"], "sends no frames"),
+    ):
+        assert main(["real", "check-cameras", *words, "--ruler-mm", "100"]) == 2
+        assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_without_opencv_the_extra_is_named(pictures, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(MissingDependencyError, match="real"):
+        measure_camera(pictures["placed"])
+
+
+class Capture:
+    """A camera of OpenCV that sends one image."""
+
+    image = np.zeros((480, 640, 3), np.uint8)
+
+    def __init__(self, source):
+        self.source = source
+
+    def set(self, *_):
+        return True
+
+    def read(self):
+        return True, self.image
+
+    def release(self):
+        pass
+
+
+def test_a_live_frame_is_taken_in_rgb_and_in_the_size_of_the_trials(pictures, monkeypatch):
+    monkeypatch.setattr(camera_pose.opencv(), "VideoCapture", Capture)
+    monkeypatch.setattr(Capture, "image", np.ascontiguousarray(pictures["placed"][..., ::-1]))
+    assert np.array_equal(images.live_image("0", (640, 480)), pictures["placed"])
+    with pytest.raises(InvalidInputError, match="sends images of 640 x 480 pixels instead of 1280 x 720"):
+        images.live_image("/dev/video2", (1280, 720))
