@@ -49,6 +49,12 @@ class Reads:
 """
 
 
+def policy_text(cannot=()):
+    """The file of a policy that does what it is told, but for some instructions; its process imports no tasks."""
+    numbers = {s.instruction: i for i, s in enumerate(subtasks())}
+    return f"CANNOT = {set(cannot) or 'set()'}\nNUMBERS = {numbers}\n{POLICY}"
+
+
 FAR = """
 import numpy as np
 from betterbench.interface import PolicyInfo
@@ -82,9 +88,7 @@ def plan_of(command, tmp_path_factory):
 
     def plan(cannot=(), suite="calvin", **options):
         file = folder / f"reads{len(cannot)}.py"
-        # Numbers as text, so that the policy's process imports no tasks
-        numbers = {s.instruction: i for i, s in enumerate(subtasks())}
-        file.write_text(f"CANNOT = {set(cannot) or 'set()'}\nNUMBERS = {numbers}\n{POLICY}")
+        file.write_text(policy_text(cannot))
         options = {"policy": f"python:{file}:Reads", "suite": suite, "command": command, "trials": 3, **options}
         # A plan starts a simulator, which answers by these variables; a plan that is the same is made once.
         simulator = [(name, value) for name, value in os.environ.items() if name.startswith("FAKE_")]
