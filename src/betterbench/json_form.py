@@ -40,14 +40,17 @@ SEAL = "seal"
 """Key of the seal in a document, the SHA-256 of all other content. A seal reveals damage but does not prove
 authorship."""
 
-strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
+# A validator is built on its first use: a process imports some twenty forms and reads one or two.
+_STRICT = ConfigDict(strict=True, allow_inf_nan=False, defer_build=True)
+
+strict_form = with_config(ConfigDict(**_STRICT, extra="forbid"))
 """Class decorator that rejects unknown keys, non-finite numbers and values of the wrong type, such as 1 for true."""
 
-open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
+open_form = with_config(_STRICT)
 """The same, but ignores unknown keys, for parts of a file that another version may have written."""
 
 
-growing_form = with_config(ConfigDict(strict=True, allow_inf_nan=False, extra="allow"))
+growing_form = with_config(ConfigDict(**_STRICT, extra="allow"))
 """The same for a ``TypedDict``, but keeps unknown keys, for a part of a file that is read and written back."""
 
 

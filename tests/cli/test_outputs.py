@@ -331,15 +331,24 @@ def test_two_mixtures_at_once_write_one_file(made, tmp_path):
     assert out.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
 
 
+EXPORT = [sys.executable, "-m", "betterbench.cli", "export"]
+
+
+@pytest.fixture(scope="module")
+def exported(made):
+    """A whole export, and the time that it took [s]."""
+    whole, began = made.folder / "whole.json", time.monotonic()
+    subprocess.run([*EXPORT, str(made.run), "--out", str(whole)], check=True, capture_output=True)
+    return whole, time.monotonic() - began
+
+
 @pytest.mark.parametrize("at", [0.2, 0.5, 0.9])
-def test_a_killed_export_is_written_whole_by_the_next(made, tmp_path, at):
-    whole, out = tmp_path / "whole.json", tmp_path / "out" / "out.json"
-    began = time.monotonic()
-    command = [sys.executable, "-m", "betterbench.cli", "export", str(made.run), "--out"]
-    subprocess.run([*command, str(whole)], check=True, capture_output=True)
-    process = subprocess.Popen([*command, str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+def test_a_killed_export_is_written_whole_by_the_next(made, exported, tmp_path, at):
+    (whole, took_s), out = exported, tmp_path / "out" / "out.json"
+    command = [*EXPORT, str(made.run), "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(at * (time.monotonic() - began))
+        process.wait(at * took_s)
     process.kill()
     process.wait()
     assert main(["export", str(made.run), "--out", str(out)]) == 0

@@ -143,7 +143,7 @@ def test_a_gap_is_what_a_changed_scene_costs():
 def runs(tmp_path_factory):
     """A policy in LIBERO, LIBERO-PRO and both suites of CALVIN, each in a world without physics."""
     tmp_path = tmp_path_factory.mktemp("worlds")
-    from test_calvin import POLICY
+    from test_calvin import policy_text
 
     from betterbench.evaluation import evaluate
     from betterbench.evaluation.planning.world_plan import make_world_plan
@@ -157,7 +157,7 @@ def runs(tmp_path_factory):
         "    def act(self, seen): return np.array([0.5, 0, 0, 0, 0, 0, 1.0])\n"
     )
     reads = tmp_path / "reads.py"
-    reads.write_text(f"CANNOT = set()\n{POLICY}")
+    reads.write_text(policy_text())
     made = []
     for suite in ("libero_object", "libero_object_swap"):
         plan = make_world_plan(f"python:{shove}:Reads", suite=suite, tasks=["3"], trials=2, command=fake)

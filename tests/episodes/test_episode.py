@@ -7,11 +7,12 @@ import gc
 import re
 import sys
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from betterbench.episodes import Observer, TrialContext, run_episode, settled_heap
+from betterbench.episodes import Observer, TrialContext, heap, run_episode, settled_heap
 from betterbench.evaluation import check_record
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo, episode_number, observation_spec
 from betterbench.interface.actions import action_space
@@ -342,6 +343,24 @@ def test_whoever_goes_on_with_the_states_of_an_episode_keeps_the_heap_settled():
         assert gc.get_threshold()[0] > 10_000
     assert gc.get_threshold() == before
     assert (gc.get_freeze_count() == 0) == (frozen == 0)
+
+
+@pytest.mark.parametrize("frozen", [0, 5])
+def test_a_heap_that_others_froze_stays_frozen_and_is_counted_once(frozen, monkeypatch):
+    calls = []
+
+    def count():
+        calls.append("count")
+        return frozen
+
+    noted = {name: (lambda name=name: calls.append(name)) for name in ("freeze", "unfreeze")}
+    settings = {"get_threshold": gc.get_threshold, "set_threshold": gc.set_threshold}
+    monkeypatch.setattr(heap, "gc", SimpleNamespace(get_freeze_count=count, **noted, **settings))
+    monkeypatch.setattr(heap, "_HEAP", heap._Heap())
+    for _ in range(3):
+        with heap.settled_heap():
+            pass
+    assert calls == (["count"] if frozen else 3 * ["count", "freeze", "unfreeze"])
 
 
 def interrupt(_):

@@ -28,6 +28,8 @@ class _Errors:
     """The errors of Ray, which takes 0.3 s of CPU to import; every process of the tests imports this file."""
 
     def __getattr__(self, name: str) -> Any:
+        if not name[:1].isupper():  # pytest looks for marks and fixtures while it collects
+            raise AttributeError(name)
         return getattr(importlib.import_module("ray").exceptions, name)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import pytest
 
@@ -11,10 +10,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.generation.building.casting import cast_of
 from betterbench.generation.choosing import Chosen, scenarios_about
 from betterbench.generation.patterns import pattern_of
-from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
-from betterbench.sim.assets.catalogue.sources import open_source
-from betterbench.sim.assets.catalogue.sources.source import SourceOptions
 
 INSTRUCTION, REWORDED = True, False
 """Whether the sentence is the instruction, or the grammar words it."""
@@ -191,14 +187,6 @@ REFUSED = [
     ("Insert four jars into the holes", "jar"),
 ]  # fmt: skip
 """Sentences with the word that the error names."""
-
-
-@pytest.fixture(scope="module")
-def catalogue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Catalogue]:
-    folder = tmp_path_factory.mktemp("catalogue")
-    index_sources(folder, [open_source("procedural", SourceOptions())], on_progress=lambda *_: None)
-    with Catalogue(folder) as opened:
-        yield opened
 
 
 def goals_of(chosen: Chosen, catalogue: Catalogue) -> dict[str, set[tuple[str, str]]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from scipy import stats
+import scipy
 
 import betterbench.statistics.power as power_module
 from betterbench.errors import InvalidInputError
@@ -27,7 +27,7 @@ def test_power_of_twenty_trials_an_arm(a: float, b: float, power: float) -> None
 
 
 def test_fishers_test_finds_less_with_the_same_trials() -> None:
-    first, second = (stats.binom.pmf(range(21), 20, rate) for rate in (0.5, 0.7))
+    first, second = (scipy.stats.binom.pmf(range(21), 20, rate) for rate in (0.5, 0.7))
     found = [[fisher_p(Rate(i, 20), Rate(j, 20)) <= 0.05 for j in range(21)] for i in range(21)]
     assert first @ found @ second == pytest.approx(0.16, abs=0.005)
 
@@ -57,7 +57,7 @@ def test_paired_power_is_the_sum_over_all_outcomes(n: int, difference: float, op
     for b in range(n + 1):
         for c in range(n + 1 - b):
             if mcnemar_p(PairedTable(0, b, c, n - b - c)) <= 0.05:
-                total += float(stats.multinomial.pmf((b, c, n - b - c), n, shares))
+                total += float(scipy.stats.multinomial.pmf((b, c, n - b - c), n, shares))
     assert paired_power(n, difference, opposite=opposite) == pytest.approx(total, abs=1e-9)
 
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import (
@@ -69,16 +69,16 @@ def test_a_single_table_agrees_with_all_tables_and_with_scipy() -> None:
         p = barnard_p(Rate(i, 12), Rate(j, 12))
         assert p == pytest.approx(table[i, j] if (i, j) != (0, 0) else 1.0, abs=5e-4)
     for (i, n), (j, m) in [((1, 7), (6, 9)), ((0, 5), (4, 6)), ((3, 20), (12, 15))]:
-        theirs = stats.barnard_exact([[i, j], [n - i, m - j]], n=128).pvalue
+        theirs = scipy.stats.barnard_exact([[i, j], [n - i, m - j]], n=128).pvalue
         assert barnard_p(Rate(i, n), Rate(j, m)) == pytest.approx(theirs, abs=1e-4)
-        theirs = stats.boschloo_exact([[i, j], [n - i, m - j]], n=128).pvalue
+        theirs = scipy.stats.boschloo_exact([[i, j], [n - i, m - j]], n=128).pvalue
         assert boschloo_p(Rate(i, n), Rate(j, m)) == pytest.approx(theirs, abs=1e-4)
 
 
 @pytest.mark.parametrize("rate", [0.03, 0.3, 0.5, 0.77])
 def test_false_alarms_stay_below_the_level(rate: float) -> None:
     n = 15
-    mass = stats.binom.pmf(np.arange(n + 1), n, rate)
+    mass = scipy.stats.binom.pmf(np.arange(n + 1), n, rate)
     p_values = barnard_p_values(n)
     for alpha in (0.01, 0.05, 0.2):
         assert mass @ (p_values <= alpha) @ mass <= alpha + 1e-4
@@ -110,7 +110,7 @@ def test_mcnemar_counts_discordant_pairs_only() -> None:
 
 @given(st.integers(0, 60), st.integers(0, 60))
 def test_mcnemar_is_the_fair_binomial_test(b: int, c: int) -> None:
-    expected = stats.binomtest(b, b + c, 0.5).pvalue if b + c else 1.0
+    expected = scipy.stats.binomtest(b, b + c, 0.5).pvalue if b + c else 1.0
     assert mcnemar_p(PairedTable(0, b, c, 0)) == pytest.approx(expected, rel=1e-9)
 
 

@@ -33,8 +33,10 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
     text = read_bounded(path, max_bytes=max_bytes, cure=cure)
     try:
         _require_plain(path, text, deepest, cure)
-        _require_once(path, yaml.compose(text, Loader=Loader))
-        found = yaml.load(text, Loader=Loader)  # noqa: S506 - a SafeLoader
+        loader = Loader(text)
+        node = loader.get_single_node()
+        _require_once(path, node)
+        found = None if node is None else loader.construct_document(node)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
         raise InvalidInputError(str(path), f"is not YAML ({problem})", cure) from error

@@ -34,6 +34,9 @@ _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
 _AGAIN = "Repeat the command of the run to store it again"
 
+_WRITTEN: dict[str, tuple[Path, str]] = {}
+"""Archives written by this process: path and SHA-256 of the file, by the digest of the scene."""
+
 
 class StorableScene(Protocol):
     """A compiled scene that can be stored with the records of its trials."""
@@ -66,6 +69,14 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
     if total > MAX_SCENE_BYTES or len(files) > MAX_SCENE_FILES:
         problem = f"{len(files)} files with {total} bytes exceed {MAX_SCENE_FILES} files or {MAX_SCENE_BYTES} bytes"
         raise InvalidInputError("scene", problem, "Reduce its meshes and textures")
+    digest = scene_digest(path.stem, files)
+    data = _archive_of_another_run(digest) or _archive(files, digest)
+    write_durably(path, data)
+    _WRITTEN[digest] = (path.absolute(), hashlib.sha256(data).hexdigest())
+
+
+def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
+    """Return a reproducible zip file with the digest as its comment."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(files):
@@ -74,8 +85,24 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
             member.create_system = 3  # Unix, on every machine
             member.external_attr = (stat.S_IFREG | 0o644) << 16
             archive.writestr(member, files[name], compresslevel=_LEVEL)
-        archive.comment = _seal(scene_digest(path.stem, files))
-    write_durably(path, buffer.getvalue())
+        archive.comment = _seal(digest)
+    return buffer.getvalue()
+
+
+def _archive_of_another_run(digest: str) -> bytes | None:
+    """Return the bytes of an archive that this process wrote before, or None if the file is gone or changed.
+
+    Several policies are evaluated on the same scenes. Reading an archive takes 1 ms of CPU time, making it 34 ms.
+    """
+    path, checksum = _WRITTEN.get(digest, (None, ""))
+    if path is None:
+        return None
+    try:
+        with open_ordinary(path) as stream:
+            data = stream.read(MAX_SCENE_BYTES)
+    except OSError:
+        return None
+    return data if hashlib.sha256(data).hexdigest() == checksum else None
 
 
 def has_digest(path: Path, digest: str) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from betterbench.demonstrations.shortcuts.association import association, strongest_of
+from betterbench.demonstrations.shortcuts.association import association, random_orders, strongest_of
 from betterbench.demonstrations.shortcuts.examine import audit_dataset
 from betterbench.demonstrations.shortcuts.facts import EpisodeFacts, ShownStep, facts_of_condition
 from betterbench.demonstrations.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign, write_prediction
@@ -214,6 +214,15 @@ def test_chance_is_no_finding_and_a_planted_rule_is():
     assert rule.strength == pytest.approx(1.0)
     assert rule.p_value < 0.001
     assert rule.bits == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("generator", [np.random.PCG64, np.random.MT19937])
+@pytest.mark.parametrize("n", [1, 2, 40, 2048, 2049])
+def test_random_orders_are_those_of_random_numbers(n, generator):
+    draw, same = (np.random.Generator(generator(5)) for _ in range(2))
+    for rows in (3, 20):
+        assert np.array_equal(random_orders(draw, rows, n), np.argsort(same.random((rows, n)), axis=1))
+    assert draw.random() == same.random(), "as many numbers are drawn"
 
 
 def test_the_test_has_its_level():

@@ -1,4 +1,4 @@
-"""The library's catalogue, indexed once, and the way from written files to an audit."""
+"""The way from written files to an audit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from betterbench.generation.better_release import (
     audit_release,
     build_task,
     find_tasks,
-    library_catalogue,
     match_instances,
     read_release_task,
     resolve,
@@ -23,12 +22,6 @@ from betterbench.generation.better_release import (
 def read(folder: Path):
     reader = partial(read_yaml, cure="Correct the file", deepest=8, max_bytes=512 * 1024)
     return read_release_task(find_tasks(folder)[0], reader)
-
-
-@pytest.fixture(scope="session")
-def catalogue():
-    with library_catalogue() as opened:
-        yield opened
 
 
 @pytest.fixture

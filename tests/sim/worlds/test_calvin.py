@@ -31,10 +31,7 @@ from betterbench.tasks.worlds.calvin.starts import BLOCKS
 
 POLICY = """
 import numpy as np
-from betterbench.tasks.worlds.calvin import subtasks
 from betterbench.interface import PolicyInfo
-
-NUMBERS = {s.instruction: i for i, s in enumerate(subtasks())}
 
 class Reads:
     info = PolicyInfo("reads", action_space="calvin_relative")
@@ -50,6 +47,12 @@ class Reads:
         # A chunk of four actions, of which the second does what is asked.
         return np.array([[-1, 0, 0, 0, 0, 0, 1], [number / 100, 0, 0, 0, 0, 0, -1]] + [[-1, 0, 0, 0, 0, 0, 1]] * 2)
 """
+
+
+def policy_text(cannot=()):
+    """The file of a policy that does what it is told, but for some instructions; its process imports no tasks."""
+    numbers = {s.instruction: i for i, s in enumerate(subtasks())}
+    return f"CANNOT = {set(cannot) or 'set()'}\nNUMBERS = {numbers}\n{POLICY}"
 
 
 FAR = """
@@ -85,7 +88,7 @@ def plan_of(command, tmp_path_factory):
 
     def plan(cannot=(), suite="calvin", **options):
         file = folder / f"reads{len(cannot)}.py"
-        file.write_text(f"CANNOT = {set(cannot) or 'set()'}\n{POLICY}")
+        file.write_text(policy_text(cannot))
         options = {"policy": f"python:{file}:Reads", "suite": suite, "command": command, "trials": 3, **options}
         # A plan starts a simulator, which answers by these variables; a plan that is the same is made once.
         simulator = [(name, value) for name, value in os.environ.items() if name.startswith("FAKE_")]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.evaluation.test_misbehavior import left_over
-from tests.sim.worlds.test_calvin import POLICY
+from tests.sim.worlds.test_calvin import policy_text
 
 import betterbench
 from betterbench.evaluation import evaluate
@@ -68,7 +68,7 @@ QUICK = {("libero", "run")}
 )
 def test_after_a_kill_the_same_command_finishes_the_run(tmp_path, world, killed):
     policy = tmp_path / "reads.py"
-    policy.write_text(f"CANNOT = set()\n{POLICY}")
+    policy.write_text(policy_text())
     where = "1" if world == "libero" else repr(float(start_of(calvin_chains()[1].start).scene[11]))
     mark, happened = uuid.uuid4().hex, tmp_path / "it happened"
     out = tmp_path / "run"

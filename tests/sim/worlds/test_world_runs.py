@@ -122,7 +122,7 @@ def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
     began = time.monotonic()
-    run = evaluate(three_trials, tmp_path / "run")
+    run = evaluate(three_trials, tmp_path / "run", envs=2)
     assert time.monotonic() - began < 60.0
     broken = [e for e in run.entries() if e.status == "error"]
     assert [e.seed for e in broken] == [1]

@@ -15,6 +15,9 @@ tests."""
 _CHUNK = 2_000_000
 """Maximum number of values that are permuted at once."""
 
+_LOW_BITS = 11
+"""Bits of a raw draw that are no part of a random number in [0, 1)."""
+
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
@@ -131,6 +134,24 @@ def permutation_test(
     return PermutationTest(x, y, (nx, ny), block, within, found, result)
 
 
+def random_orders(draw: np.random.Generator, rows: int, n: int) -> _Ints:
+    """Return rows of random orders of n values, shape (rows, n): ``np.argsort(draw.random((rows, n)), axis=1)``.
+
+    A random number is the upper 53 bits of a raw draw of PCG64. Up to 2,048 values, the lower bits can hold the place
+    of the value, and sorting these integers takes a third to three quarters of the CPU time of sorting places by
+    numbers.
+    """
+    if n > 1 << _LOW_BITS or not isinstance(draw.bit_generator, np.random.PCG64):
+        return np.argsort(draw.random((rows, n)), axis=1)
+    drawn = draw.bit_generator.random_raw(rows * n).reshape(rows, n)
+    low = np.uint64((1 << _LOW_BITS) - 1)
+    drawn &= ~low
+    drawn |= np.arange(n, dtype=np.uint64)
+    drawn.sort(axis=1)
+    drawn &= low
+    return drawn.view(np.int64)
+
+
 def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
     """Return rows of values that are shuffled inside each block, shape (rows, n)."""
     keys = draw.random((rows, len(x)))
@@ -182,7 +203,7 @@ def _permuted_bits(
         if within:
             mixed = shuffled_inside(x, block, rows, draw)
         else:
-            mixed = per_block[np.argsort(draw.random((rows, len(per_block))), axis=1)]
+            mixed = per_block[random_orders(draw, rows, len(per_block))]
             if len(per_block) != n:
                 mixed = mixed[:, block]
         joint = joint_counts(mixed, y, (nx, ny))
@@ -241,7 +262,7 @@ def features_test(
     bits = bits_of(y[None, :])[0]
     rows = max(1, _CHUNK // n)
     chunks = [min(rows, PERMUTATIONS - start) for start in range(0, PERMUTATIONS, rows)]
-    permuted = np.concatenate([bits_of(y[np.argsort(draw.random((c, n)), axis=1)]) for c in chunks])
+    permuted = np.concatenate([bits_of(y[random_orders(draw, c, n)]) for c in chunks])
     expected, most = permuted.mean(axis=0), permuted.max(axis=1)
     found = []
     for i in range(presence.shape[1]):

@@ -22,6 +22,7 @@ from betterbench.demonstrations.shortcuts.association import (
     codes_of,
     counts_log_counts,
     joint_counts,
+    random_orders,
     shuffled_inside,
 )
 
@@ -146,7 +147,7 @@ class Planted:
         """Return planted first values, (rows, n): unchanged for a fraction of the units, random for the others."""
         units = int(self.block.max()) + 1
         free = units - round(share * units)
-        chosen = np.argsort(draw.random((rows, units)), axis=1)[:, :free]
+        chosen = random_orders(draw, rows, units)[:, :free]
         if self.within:
             by_chance = np.zeros((rows, units), dtype=np.bool_)
             np.put_along_axis(by_chance, chosen, values=True, axis=1)

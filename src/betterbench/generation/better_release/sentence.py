@@ -86,9 +86,10 @@ class Lexicon:
         self._nouns = {name: nouns_of(i, task.names.get(name, "")) for name, i in task.instances.items()}
         self._colors = {name: frozenset(_words_about(i)) & COLORS for name, i in task.instances.items()}
         self._phrases: dict[Noun, tuple[tuple[str, ...], bool]] = {}
+        classes = {name: {c for noun in nouns for c in classes_of(noun)} for name, nouns in self._nouns.items()}
         for phrase in self._known_phrases():
             own = tuple(name for name, nouns in self._nouns.items() if phrase in nouns)
-            contained = tuple(name for name, nouns in self._nouns.items() if _is_kind(phrase, nouns))
+            contained = tuple(name for name, found in classes.items() if phrase in found)
             self._phrases[phrase] = (own, False) if own or not contained else (contained, True)
 
     def noun(self, name: str) -> str:
@@ -172,10 +173,6 @@ class Lexicon:
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
     """Return the classes that contain a noun according to the word list ("fruit" for "banana"), sorted."""
     return tuple(sorted(phrase for phrase, others in word_list().items() if noun in dict(others) and phrase != noun))
-
-
-def _is_kind(phrase: Noun, nouns: tuple[Noun, ...]) -> bool:
-    return any(phrase in classes_of(noun) for noun in nouns)
 
 
 def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:

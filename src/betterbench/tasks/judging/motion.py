@@ -294,8 +294,9 @@ class MotionBuilder:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Return the cross products of two lists of vectors, shape (n, 3); NumPy's function is slow on short lists."""
-    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return np.stack((x, y, z), axis=1)
+    """Return the cross products of two lists of vectors, shape (n, 3); NumPy's functions are slow on short lists."""
+    products = np.empty(a.shape, dtype=np.result_type(a, b))
+    products[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    products[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    products[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return products

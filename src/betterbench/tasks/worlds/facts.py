@@ -5,6 +5,7 @@ The worlds that run trials are in :mod:`betterbench.sim.worlds`; registering a w
 
 from __future__ import annotations
 
+import functools
 import importlib
 import pkgutil
 from collections.abc import Mapping
@@ -114,10 +115,16 @@ def forget_facts(name: str) -> None:
 
 def known_facts() -> Mapping[str, WorldFacts]:
     """Return the facts about all registered worlds, by name; our own world comes first."""
+    _import_built_in()
+    return _FACTS
+
+
+@functools.cache
+def _import_built_in() -> None:
+    """Import the modules that register the built-in worlds."""
     package = importlib.import_module("betterbench.tasks.worlds")
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"{package.__name__}.{module.name}")
-    return _FACTS
 
 
 def facts_of_suite(suite: str) -> WorldFacts | None:

@@ -40,7 +40,9 @@ LONGEST_TERM = 40
 
 def terms(text: str) -> list[str]:
     """Return the words of a text in order: lower case, without accents, in the singular."""
-    plain = "".join(c for c in unicodedata.normalize("NFKD", text.lower()) if not unicodedata.combining(c))
+    plain = text.lower()
+    if not plain.isascii():
+        plain = "".join(c for c in unicodedata.normalize("NFKD", plain) if not unicodedata.combining(c))
     return [singular(word) for word in _WORD.findall(plain) if len(word) <= LONGEST_TERM]
 
 
