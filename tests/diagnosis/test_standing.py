@@ -153,3 +153,19 @@ def test_a_pretender_without_a_cell_is_no_candidate():
     found = standing_of(run(LIKE_LEXICAL), matrix(zoo_lexical={L1: failing("early_halt")}))
     assert "zoo:lexical" not in {x.pretender for x in found.likenesses}
     assert standing_of(run({"R1": [True]}), matrix(zoo_x={R1: solving()})).nearest is not None
+
+
+def test_a_run_of_the_fruit_basket_has_reference_lines():
+    """Its suite has a packaged matrix of its own."""
+    trials = {"O6": False, "T7": False, "T5": True, "O7": True}
+    outcomes = tuple(
+        dataclasses.replace(trial("L1", seed, success=right, task="fruit_basket"), variation=name)
+        for name, right in trials.items()
+        for seed in range(3)
+    )
+    found = standing_of(RunDiagnosis("p", outcomes, (), (), (), {}, {}))
+    assert found.covered == Rate(12, 12)
+    assert found.notice == ""
+    assert "expert" in {line.pretender for line in found.lines}
+    assert found.nearest is not None
+    assert found.nearest.pretender == "zoo:inertia"
