@@ -15,6 +15,7 @@ from betterbench.diagnosis.measures.standing import standing_of
 from betterbench.diagnosis.verdict import Evidence, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.statistics import Rate
+from betterbench.tasks import Expected, get_task
 
 
 def trial(variation: str | None, seed: int, *, success: bool, task: str = "fast_food") -> TrialDiagnosis:
@@ -157,15 +158,18 @@ def test_a_pretender_without_a_cell_is_no_candidate():
 
 def test_a_run_of_the_fruit_basket_has_reference_lines():
     """Its suite has a packaged matrix of its own."""
-    trials = {"O6": False, "T7": False, "T5": True, "O7": True}
+    names = [v.name for v in get_task("fruit_basket").variations if v.expected is not Expected.AMBIGUOUS]
     outcomes = tuple(
-        dataclasses.replace(trial("L1", seed, success=right, task="fruit_basket"), variation=name)
-        for name, right in trials.items()
+        dataclasses.replace(trial("L1", seed, success=name not in ("O6", "T7"), task="fruit_basket"), variation=name)
+        for name in names
         for seed in range(3)
     )
     found = standing_of(RunDiagnosis("p", outcomes, (), (), (), {}, {}))
-    assert found.covered == Rate(12, 12)
+    assert found.covered == Rate(42, 42)
     assert found.notice == ""
-    assert "expert" in {line.pretender for line in found.lines}
+    lines = {line.pretender: line.scores["overall"] for line in found.lines}
+    assert lines["zoo:inertia"] == pytest.approx(12 / 14)
+    assert lines["random"] == 0.0 < lines["probe:replay"] < lines["expert"]
     assert found.nearest is not None
     assert found.nearest.pretender == "zoo:inertia"
+    assert found.nearest.agreement == 1.0
