@@ -34,8 +34,8 @@ class Refuse(BrokenRule):
 class Phase(BrokenRule):
     """Freezes or wanders if the scene at the start looks like the middle of a demonstration.
 
-    It wanders if the object of the next step is missing. A scene in which a later step is finished and an earlier one
-    is not looks like no moment of a demonstration.
+    It wanders if the object of the next step is missing. If a later step is finished before an earlier one, it decides
+    rightly, because no demonstration shows such a scene.
     """
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:

@@ -23,7 +23,7 @@ class Inertia(BrokenRule):
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
-        if not any(not isinstance(decision, Draw) for decision in history):
+        if all(isinstance(decision, Draw) for decision in history):
             first = self._first(state)
             if first is not None:
                 return first
