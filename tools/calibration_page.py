@@ -184,6 +184,18 @@ Each variation's card names the abilities that a pass does not show: abilities w
 than half of the trials, or more than a quarter if it moves without looking. The last table lists them all.
 
 """
+REAL_WORLD = """
+## The power matrix of the fruit basket
+
+The suite `real_world` has a matrix of its own, over the 14 variations of
+[`fruit_basket`](so101.md#the-fruit-basket) with a right outcome. The four ambiguous variations are neither solved nor
+failed.
+
+```sh
+better calibrate --power --tasks fruit_basket --out runs/power_real
+```
+
+"""
 NOT_MEASURED = "Not measured yet for this version of the suite.\n"
 
 
@@ -196,6 +208,8 @@ def write(out: Path) -> None:
         mistakes += [] if found is None else [f"## {title}\n\n{_mistakes(found, family, out)}\n"]
     power = packaged_power_matrix()
     parts.append(POWER + (NOT_MEASURED if power is None else power_markdown(power)))
+    real = packaged_power_matrix("real_world")
+    parts.append(REAL_WORLD + (NOT_MEASURED if real is None else power_markdown(real)))
     (out / "calibration.md").write_text("".join(parts), encoding="utf-8")
     (out / "mistakes.md").write_text("".join(mistakes).rstrip("\n") + "\n", encoding="utf-8")
 

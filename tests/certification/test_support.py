@@ -289,6 +289,24 @@ def test_what_was_pushed_aside_before_it_is_taken_was_picked_where_it_came_to_re
     assert support_of(task).judge(taken).problem is not None
 
 
+@pytest.mark.parametrize(
+    ("moves_m", "pushed_m", "aside"), [(0.006, 0.0055, False), (0.006, 0.0065, True), (0.0, 0.001, True)]
+)
+def test_a_fixed_finger_may_push_an_object_as_far_as_it_moves_to_touch_it(fast_food, posed, moves_m, pushed_m, aside):
+    task, condition, state = fast_food
+    begun = state.pose("burger_1")
+    pushed = begun.translated(x=pushed_m)
+    watch = Handling(task, condition, finger_moves_m=moves_m)
+    watch.update(state)
+    watch.update(posed(state, {"burger_1": pushed}, contacts=(("left_finger", "burger_1"), ("burger_1", "table"))))
+    for _ in range(8):
+        watch.update(posed(state, {"burger_1": pushed}, contacts=(("burger_1", "table"),)))
+    watch.update(posed(state, {"burger_1": pushed.translated(z=0.1)}, contacts=FINGERS, held="burger_1"))
+    taken = watch.finish()[0]
+    assert isinstance(taken, Pick)
+    assert taken.pose == (pushed if aside else begun)
+
+
 def test_what_is_at_its_target_from_the_start_is_listed_first(start, posed):
     task, condition, state = start("dinner_plates", "train3")
     watch = Handling(task, condition)

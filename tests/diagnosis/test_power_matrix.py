@@ -171,8 +171,8 @@ def test_cells_are_not_kept_next_to_those_of_other_pretenders():
         matrix().with_kept(fewer)
 
 
-def fresh() -> PowerMatrix:
-    found = packaged_power_matrix()
+def fresh(suite: str = "better60") -> PowerMatrix:
+    found = packaged_power_matrix(suite)
     if found is None:
         pytest.skip("this build ships no power matrix; better calibrate --power --write-package measures it")
     stale = found.stale_tasks()
@@ -181,8 +181,9 @@ def fresh() -> PowerMatrix:
     return found
 
 
-def test_every_claim_of_a_card_is_backed_by_the_packaged_matrix():
-    found = fresh()
+@pytest.mark.parametrize("suite", ["better60", "real_world"])
+def test_every_claim_of_a_card_is_backed_by_the_packaged_matrix(suite):
+    found = fresh(suite)
     unbacked = {
         "/".join(key): sorted(set(exposed_labels(*key)) - found.backed(key))
         for key in found.variations
@@ -201,6 +202,19 @@ def test_the_packaged_matrix_meets_the_targets_of_the_suite():
             assert {"zoo:lexical", "zoo:layout"} & set(found.failing(key)), key
     replays = [found.cell("probe:replay", key) for key in found.variations]
     assert sum(cell is not None and cell.k <= 0.25 * cell.n for cell in replays) >= 50
+
+
+def test_the_packaged_matrix_of_the_fruit_basket_has_the_cells_of_the_paper():
+    """Inertia fails where the second fruit is absent, and the policy of phase conflict where the first one is done."""
+    found = fresh("real_world")
+    assert {task for task, _ in found.variations} == {"fruit_basket"}
+    assert not found.stale_tasks()
+    failed = {name: {key[1] for key in found.variations if name in found.failing(key)} for name in found.pretenders}
+    assert failed["zoo:inertia"] == {"O6", "T7"}
+    assert failed["zoo:phase"] == {"T5", "T7"}
+    long = {"T4", "O6", "T5", "T6", "T7", "O7", "O8"}
+    assert all(found.cell("expert", ("fruit_basket", name)).k > 0 for name in long)
+    assert {Label.BEHAVIORAL_INERTIA, Label.PHASE_CONFLICT} <= found.backed(("fruit_basket", "T7"))
 
 
 def test_a_calibration_shows_the_blind_probes_of_its_own_tasks_alone(monkeypatch):

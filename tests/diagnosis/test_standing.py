@@ -15,6 +15,7 @@ from betterbench.diagnosis.measures.standing import standing_of
 from betterbench.diagnosis.verdict import Evidence, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.statistics import Rate
+from betterbench.tasks import Expected, get_task
 
 
 def trial(variation: str | None, seed: int, *, success: bool, task: str = "fast_food") -> TrialDiagnosis:
@@ -153,3 +154,22 @@ def test_a_pretender_without_a_cell_is_no_candidate():
     found = standing_of(run(LIKE_LEXICAL), matrix(zoo_lexical={L1: failing("early_halt")}))
     assert "zoo:lexical" not in {x.pretender for x in found.likenesses}
     assert standing_of(run({"R1": [True]}), matrix(zoo_x={R1: solving()})).nearest is not None
+
+
+def test_a_run_of_the_fruit_basket_has_reference_lines():
+    """Its suite has a packaged matrix of its own."""
+    names = [v.name for v in get_task("fruit_basket").variations if v.expected is not Expected.AMBIGUOUS]
+    outcomes = tuple(
+        dataclasses.replace(trial("L1", seed, success=name not in ("O6", "T7"), task="fruit_basket"), variation=name)
+        for name in names
+        for seed in range(3)
+    )
+    found = standing_of(RunDiagnosis("p", outcomes, (), (), (), {}, {}))
+    assert found.covered == Rate(42, 42)
+    assert found.notice == ""
+    lines = {line.pretender: line.scores["overall"] for line in found.lines}
+    assert lines["zoo:inertia"] == pytest.approx(12 / 14)
+    assert lines["random"] == 0.0 < lines["probe:replay"] < lines["expert"]
+    assert found.nearest is not None
+    assert found.nearest.pretender == "zoo:inertia"
+    assert found.nearest.agreement == 1.0

@@ -249,7 +249,7 @@ def watch_expert(scene: Scene) -> Watched:
     task, condition = scene.task, scene.condition
     state = scene.reset(check_premise=False)
     tracker = GoalTracker(condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz)
-    handling = Handling(task, condition)
+    handling = Handling(task, condition, finger_moves_m=scene.compiled.robot.jaw.closing_shift_m)
     handling.update(state)
     truth = tracker.update(state)
     limit = task.step_limit(condition)

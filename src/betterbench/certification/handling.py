@@ -119,7 +119,17 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 class Handling:
     """Tracker of the primitives in an episode; it must see every state since reset, in order."""
 
-    def __init__(self, task: Task, condition: Condition) -> None:
+    def __init__(self, task: Task, condition: Condition, *, finger_moves_m: float = 0.0) -> None:
+        """Prepare for an episode.
+
+        Args:
+            task: Task of the episode.
+            condition: Condition of the episode.
+            finger_moves_m: Distance by which a fixed finger moves to touch an object before the jaw closes [m], see
+                ``Jaw.closing_shift_m``. A push up to this distance is part of the grasp, also if the object loses
+                contact again before the jaw closes. It is 0 for parallel jaws.
+        """
+        self._finger_moves_m = finger_moves_m
         self._condition = condition
         self._relations = tuple(RELATIONS[n] for n in (task.template.relation, *task.template.also) if n in RELATIONS)
         self._resting_on: dict[str, str] = {name: place.target for name, place in condition.preplaced.items()}
@@ -158,6 +168,8 @@ class Handling:
         for name, stood in self._stood.items():
             i = state.info.index(name)
             if state.positions[i] == stood.position and state.quaternions[i] == stood.quaternion:
+                continue
+            if distance(state.positions[i], stood.position) <= self._finger_moves_m:
                 continue
             if name != self._carried and not state.touched_by_gripper(name) and self._rest.at_rest(name):
                 self._stood[name] = state.pose(name)

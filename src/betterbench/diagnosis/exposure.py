@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from betterbench.tasks import (
     Condition,
+    Expected,
     Subgoal,
     Task,
     TrainingDistribution,
@@ -84,3 +85,17 @@ class Exposure:
     def kinds(self, goal: Subgoal) -> set[str]:
         """Return the object kinds to which a subgoal refers."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
+
+    @property
+    def lacks_later_step(self) -> bool:
+        """Whether training, with this instruction, has a step after the first one whose object is not in the scene.
+
+        False if the condition is ambiguous: no behavior is a failure there.
+        """
+        here = {o.kind for o in self.test.objects}
+        return self.test.expected is not Expected.AMBIGUOUS and any(
+            here.isdisjoint(known.object(n).kind for n in known.resolve(goal.reference))
+            for known in self.task.training
+            if known.instruction.text == self.test.instruction.text
+            for goal in known.instruction.subgoals[1:]
+        )

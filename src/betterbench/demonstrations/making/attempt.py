@@ -22,6 +22,7 @@ from betterbench.policies.experts.planner import Planner
 from betterbench.policies.experts.privileged import PrivilegedAgent, measured_releases
 from betterbench.policies.faulty import BrokenRule
 from betterbench.records import Demonstrator, Record, subgoal_segments
+from betterbench.sim.robots import robot
 from betterbench.sim.scenes import Scene, engine_version
 from betterbench.tasks import Condition, Expected, GoalTracker, Support, Task, stream
 from betterbench.tasks.demonstrated import demonstrated
@@ -203,7 +204,7 @@ def outside_support(states: Iterable[WorldState], task: Task, condition: Conditi
     if variation is not None and variation.support is Support.NOVEL:
         return None
     support = TrainedSupport.of(task, demonstrated(task, engine=engine_version()))
-    handling = Handling(task, condition)
+    handling = Handling(task, condition, finger_moves_m=robot(task.robot).jaw.closing_shift_m)
     for state in states:
         handling.update(state)
     problems = (support.judge(primitive).problem for primitive in handling.finish())

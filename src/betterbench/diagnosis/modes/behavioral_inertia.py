@@ -25,10 +25,13 @@ from betterbench.tasks.words import agreeing
 def _exposed(x: Exposure) -> bool:
     """Return whether the scene offers the usual first step, target or slot of training without a request for it.
 
+    The next step of a memorized sequence is included if its object is missing.
     Grasps at an emptied slot are included if they replace a step, or if nothing may be grasped. They are excluded if
     another object is in a slot to which a word of the instruction led in training, because a first grasp there is
     another failure mode.
     """
+    if x.lacks_later_step:
+        return True
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
     if x.trained.habit in waiting and x.trained.habit is not None and x.trained.habit not in due:

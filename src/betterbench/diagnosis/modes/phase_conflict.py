@@ -27,8 +27,8 @@ from betterbench.tasks.thresholds import DISPLACED
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the initial state looks like the middle of a demonstration and a step is open."""
-    return x.test.mid_task_look and x.test.expected is Expected.SUCCEED
+    """Return whether the start looks like the middle of a demonstration, and a step is open or lacks its object."""
+    return x.test.mid_task_look and (x.test.expected is Expected.SUCCEED or x.lacks_later_step)
 
 
 @FailureMode(

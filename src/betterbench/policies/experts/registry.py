@@ -53,7 +53,7 @@ EXPERTS: dict[str, ExpertEntry] = {
         ExpertEntry("expert", "Follows the instruction in order and repeats a missed grasp.", BrokenRule),
         ExpertEntry("zoo:lexical", "A word triggers the motion associated with it in training.", Lexical),
         ExpertEntry("zoo:layout", "The first pick is always at the same slot.", Layout),
-        ExpertEntry("zoo:inertia", "Begins with the step that most demonstrations began with.", Inertia),
+        ExpertEntry("zoo:inertia", "Goes on as most demonstrations did, at the start or after a step.", Inertia),
         ExpertEntry("zoo:sequence", "After its first step it executes the step that followed in training.", Sequence),
         ExpertEntry("zoo:habit-place", "Brings the right object to its trained target.", HabitPlace),
         ExpertEntry("zoo:progress-cue", "Reads progress from how many objects are left on the table.", ProgressCue),

@@ -32,14 +32,16 @@ class Refuse(BrokenRule):
 
 
 class Phase(BrokenRule):
-    """Freezes or wanders if the scene looks like the middle of a demonstration.
+    """Freezes or wanders if the scene at the start looks like the middle of a demonstration.
 
-    It wanders if the object of the next step is missing.
+    It wanders if the object of the next step is missing. If a later step is finished before an earlier one, it decides
+    rightly, because no demonstration shows such a scene.
     """
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
-        if not self.condition.mid_task_look:
+        moved = any(isinstance(decision, Bring) for decision in history)
+        if not self.condition.mid_task_look or moved or self.out_of_order(state):
             return super().broken(state, history)
         if self.absent_step(state) is not None:
             return Wander()

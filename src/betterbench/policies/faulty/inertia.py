@@ -1,4 +1,4 @@
-"""``zoo:inertia``: a policy that begins every episode with the most frequent first step of demonstrations."""
+"""``zoo:inertia``: a policy that goes on as most demonstrations did, at the start and after a finished step."""
 
 from __future__ import annotations
 
@@ -9,20 +9,30 @@ from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
-    """Begins with the most frequent first step of training, even if its object is missing.
+    """Begins with the most frequent first step of training, and plays the next step even if its object is missing.
 
-    If several kinds were equally frequent in training, the instruction chooses among them. When nothing is left to do,
-    it executes the next step of training if the object of that step is missing.
+    The paper describes both kinds. Where demonstrations compose their steps in several ways (A to B, A to C), the first
+    step is blind: the policy begins with it even if its object is missing. If several kinds were equally frequent, the
+    instruction chooses among them. Where demonstrations are one fixed sequence, a finished step pulls the next one, and
+    the policy begins with the first step only if its object is still on the table.
+
+    When nothing is left to do, it executes the next step of training if the object of that step is missing.
     """
 
     label = Label.BEHAVIORAL_INERTIA
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
-        if any(not isinstance(decision, Draw) for decision in history):
-            right = super().broken(state, history)
-            absent = self.absent_step(state) if isinstance(right, Rest) else None
-            return right if absent is None or GraspAt(absent) in history else GraspAt(absent)
+        if all(isinstance(decision, Draw) for decision in history):
+            first = self._first(state)
+            if first is not None:
+                return first
+        right = super().broken(state, history)
+        absent = self.absent_step(state) if isinstance(right, Rest) else None
+        return right if absent is None or GraspAt(absent) in history else GraspAt(absent)
+
+    def _first(self, state: WorldState) -> Decision | None:
+        """Return the decision for the most frequent first step, or None if training does not suggest it here."""
         habit = self.trained.habit
         goal = next((g for g in self.goals if carried(g)), self.goals[0])
         if habit is None:
@@ -31,10 +41,12 @@ class Inertia(BrokenRule):
         else:
             names = [o.name for o in state.info.of_kind(habit)]
             memorized = self.slots_of_kind(habit)
+        waiting = {state.info.object(n).slot: n for n in names if state.info.object(n).slot is not None}
+        if self.trained.fixed_sequence is not None and not waiting:
+            return None
         way = self.make_way(state, goal.target)
         if way is not None:
             return way
-        waiting = {state.info.object(n).slot: n for n in names if state.info.object(n).slot is not None}
         if not waiting:
-            return GraspAt(memorized[0]) if memorized else super().broken(state, history)
+            return GraspAt(memorized[0]) if memorized else None
         return bring_to(goal, waiting[min(waiting, key=str)])

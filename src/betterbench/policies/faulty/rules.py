@@ -157,27 +157,51 @@ class BrokenRule(ExpertRule):
         return sum(kinds.get(slot) == self.condition.object(n).kind for n, slot in self.condition.layout.items())
 
     def absent_step(self, state: WorldState) -> str | None:
-        """Return the slot of the next step of training if its object is not in the scene at all.
+        """Return the slot of the next step of training if its object is not in the scene at all, or None.
 
-        The steps are those of the most similar training condition with the same instruction. Steps before the absent
-        one must be finished, and there must be at least one. None if there is no such step.
+        The steps are those of the most similar training condition with the same instruction. The next step is the one
+        after the last finished step, or the first one.
         """
+        known = self._same_instruction()
+        if known is None:
+            return None
+        steps = known.instruction.subgoals
+        number = max((i + 1 for i, goal in enumerate(steps) if self._finished(state, known, goal)), default=0)
+        if number == len(steps) or self._present(known, steps[number]):
+            return None
+        return next((known.layout[n] for n in known.resolve(steps[number].reference) if n in known.layout), None)
+
+    def out_of_order(self, state: WorldState) -> bool:
+        """Return whether a step of training is finished although an earlier one with a present object is not."""
+        known = self._same_instruction()
+        if known is None:
+            return False
+        waits = False
+        for goal in known.instruction.subgoals:
+            finished = self._finished(state, known, goal)
+            if finished and waits:
+                return True
+            waits = waits or (not finished and bool(self._present(known, goal)))
+        return False
+
+    def _same_instruction(self) -> Condition | None:
+        """Return the training condition with this instruction that is most like this scene, or None."""
         text = self.condition.instruction.text
         same = [known for known in self.situation.task.training if known.instruction.text == text]
-        if not same:
-            return None
-        known = max(same, key=self._likeness)
-        for number, goal in enumerate(known.instruction.subgoals):
-            names = known.resolve(goal.reference)
-            kinds = {known.object(n).kind for n in names}
-            here = [o.name for o in self.condition.objects if o.kind in kinds]
-            if not here:
-                return next((known.layout[n] for n in names if n in known.layout), None) if number else None
-            target = known.object(goal.target).kind
-            targets = [o.name for o in self.condition.objects if o.kind == target]
-            if not any(at_target(state, n, t, goal.relation, goal.region) for n in here for t in targets):
-                return None
-        return None
+        return max(same, key=self._likeness) if same else None
+
+    def _present(self, known: Condition, goal: Subgoal) -> list[str]:
+        """Return the objects of this scene that are of a kind that a step of a training condition takes."""
+        kinds = {known.object(n).kind for n in known.resolve(goal.reference)}
+        return [o.name for o in self.condition.objects if o.kind in kinds]
+
+    def _finished(self, state: WorldState, known: Condition, goal: Subgoal) -> bool:
+        """Return whether an object of a step of a training condition is at its target."""
+        target = known.object(goal.target).kind
+        targets = [o.name for o in self.condition.objects if o.kind == target]
+        return any(
+            at_target(state, n, t, goal.relation, goal.region) for n in self._present(known, goal) for t in targets
+        )
 
     def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
         """Return the decision to take the object in a slot, or to grasp at the slot if it is empty.

@@ -42,6 +42,13 @@ class TrainingDistribution:
         return ranked[0][0]
 
     @property
+    def fixed_sequence(self) -> tuple[str, ...] | None:
+        """Kinds of the one sequence of several steps with which all demonstrations begin, or None if they vary."""
+        whole = max(self.sequences, key=len)
+        fixed = len(whole) > 1 and all(whole[: len(part)] == part for part in self.sequences)
+        return whole if fixed else None
+
+    @property
     def favorite_slot(self) -> str:
         """Slot used with the most instruction words; the first by name in case of a tie."""
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
