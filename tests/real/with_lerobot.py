@@ -25,6 +25,7 @@ import feetech
 import lerobot_driving
 from feetech import CALIBRATION, MOTORS, so101_chain, write_calibration
 
+from betterbench.demonstrations.teleop import lerobot_arms
 from betterbench.demonstrations.teleop.controls import Controls
 from betterbench.demonstrations.teleop.leader import Follower, LeaderThread, connect_leader
 from betterbench.errors import InvalidInputError
@@ -59,6 +60,7 @@ def home(tmp_path, monkeypatch):
         write_calibration(calibrations / kind / "mine.json")
     monkeypatch.setattr(cv2, "VideoCapture", lerobot_driving.Capture)
     monkeypatch.setattr(lerobot_driving.Capture, "unplugged", ())
+    monkeypatch.setattr(lerobot_arms, "QUIET_S", lerobot_driving.PATIENCE * lerobot_arms.QUIET_S)
     interval = sys.getswitchinterval()
     sys.setswitchinterval(0.0005)
     yield calibrations

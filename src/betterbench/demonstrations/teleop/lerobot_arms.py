@@ -20,7 +20,7 @@ from betterbench.installation import missing_packages
 RETRIES = 2
 """Repetitions of a failed request to the motors; a Feetech bus loses a packet now and then."""
 QUIET_S = 0.06
-"""Time for late answers to arrive before a request is repeated [s]."""
+"""Time for late answers to arrive after a failed request [s]."""
 
 
 class CalibrationError(InvalidInputError):
@@ -196,13 +196,20 @@ def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
 
 def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str, float]:  # noqa: ANN401 - FeetechMotorsBus
     """Return a register of all motors by name; repeat a failed request. Raises what lerobot and pyserial raise."""
-    for _ in range(RETRIES):
+    failures = 0
+    while True:
         clear_port(bus)
-        with contextlib.suppress(ConnectionError):
-            return dict(bus.sync_read(register, normalize=normalize))
-        time.sleep(QUIET_S)
-    clear_port(bus)
-    return dict(bus.sync_read(register, normalize=normalize))
+        try:
+            found = dict(bus.sync_read(register, normalize=normalize))
+        except ConnectionError:
+            failures += 1
+            time.sleep(QUIET_S)
+            if failures > RETRIES:
+                raise
+        else:
+            if failures:  # this may be the late answer to the first request, and the one to the second still comes
+                time.sleep(QUIET_S)
+            return found
 
 
 def failure(problem: Exception, port: str) -> str:
