@@ -52,10 +52,9 @@ GL_PACKAGES = ("libegl1", "libgl1")
 
 # uv options for one list of packages, and builds that the main index does not have: torch for the processor of x86-64
 # Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). The macOS and Linux ARM builds are on the main index.
-LOCK_OPTIONS = {"train": ("--no-deps",), "world-libero-plus": ("--no-deps",)}
-LOCAL_BUILDS = {
-    "train": {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")},
-}
+LOCK_OPTIONS = dict.fromkeys(("lerobot-feetech", "train", "world-libero-plus"), ("--no-deps",))
+_TORCH = {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")}
+LOCAL_BUILDS = {"lerobot-feetech": _TORCH, "train": _TORCH}
 # Bounds of packages that an extra does not need for what is done with it here. LeRobot 0.4 draws with an old Rerun
 # version, which would remove the extra `view` from .venv, and listens to the keyboard with pynput, which must be
 # compiled; both are used only by its own record and view commands.

@@ -92,9 +92,14 @@ def test_readings_that_are_missing_or_not_finite_are_named(bad):
 class FakeLeader:
     """What lerobot's teleoperators promise."""
 
-    is_calibrated = True
+    id, calibration_fpath = "mine", "/calibrations/mine.json"
 
     def __init__(self, config=None):
+        motor = SimpleNamespace(homing_offset=5, range_min=100, range_max=3000)
+        self.calibration = dict.fromkeys((*JOINTS, "gripper"), motor)
+        self.bus = SimpleNamespace(
+            connect=lambda: None, read_calibration=lambda: self.calibration, disconnect=self.bus_closes
+        )
         self.config, self.degrees, self.gripper, self.problem = config, dict(HOME), 100.0, None
         self.is_connected = False
 
@@ -110,6 +115,10 @@ class FakeLeader:
         return {f"{name}.pos": v for name, v in {**self.degrees, "gripper": self.gripper}.items()}
 
     def disconnect(self):
+        self.is_connected = False
+
+    def bus_closes(self, *, disable_torque):
+        assert not disable_torque
         self.is_connected = False
 
 
@@ -221,16 +230,17 @@ def test_the_arm_is_made_by_lerobot_with_degrees(lerobot):
     assert lerobot.config == {"kind": "so101_leader", "port": "/dev/ttyACM0", "id": "mine", "use_degrees": True}
 
 
-def test_an_arm_that_cannot_be_reached_or_is_not_calibrated_is_named(lerobot, monkeypatch):
+def test_an_arm_that_cannot_be_reached_or_is_not_calibrated_is_named(lerobot):
     lerobot.problem = ConnectionError("Could not connect on port '/dev/ttyACM0'")
-    with pytest.raises(InvalidInputError, match=r"--leader-port.*Could not connect.*lerobot-find-port"):
-        connect_leader("so101_leader", "/dev/ttyACM0", "mine")
-    lerobot.problem = None
-    monkeypatch.setattr(FakeLeader, "is_calibrated", False)
+    with pytest.raises(InvalidInputError, match=r"--leader-port.*there is no /dev/none.*lerobot-find-port"):
+        connect_leader("so101_leader", "/dev/none", "mine")
+    with pytest.raises(InvalidInputError, match=r"--leader-port: /dev/null: Could not connect.*lerobot-find-port"):
+        connect_leader("so101_leader", "/dev/null", "mine")
+    lerobot.problem, lerobot.calibration = None, {}
     with pytest.raises(
-        InvalidInputError, match=r"'mine' is not calibrated.*lerobot-calibrate --teleop.type=so101_lead"
+        InvalidInputError, match=r"'mine': not calibrated: there is no .*lerobot-calibrate --teleop.type=so101_lead"
     ):
-        connect_leader("so101_leader", "/dev/ttyACM0", "mine")
+        connect_leader("so101_leader", "/dev/null", "mine")
     assert not lerobot.is_connected
     with pytest.raises(InvalidInputError, match="so101_leader, so100_leader"):
         connect_leader("koch_leader", "/dev/ttyACM0", "mine")

@@ -7,7 +7,6 @@ tool's motion since following began, in the leader's base frame, is applied to t
 
 from __future__ import annotations
 
-import importlib
 import math
 import threading
 from collections.abc import Mapping
@@ -16,9 +15,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from betterbench.demonstrations.teleop.controls import Controls
+from betterbench.demonstrations.teleop.lerobot_arms import (
+    ArmKind,
+    CalibrationError,
+    connect_arm,
+    failure,
+    make_arm,
+)
 from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.geometry import Pose, Vector, distance, from_axis_angle, multiply, normalize, turn_between
-from betterbench.installation import missing_packages
 from betterbench.sim.robots import ArmIK, RobotSpec
 
 LEADERS = ("so101_leader", "so100_leader")
@@ -173,33 +178,16 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
         raise InvalidInputError("--leader", f"{kind!r} is unknown", f"Use one of {', '.join(LEADERS)}")
     if not port:
         raise InvalidInputError("--leader", "its serial port is missing", "Give --leader-port, such as /dev/ttyACM0")
+    leader = ArmKind("teleoperators", kind, "so_leader")
+    options = {"port": port, "id": name, "use_degrees": True}
+    made = make_arm(leader, options, what="--leader needs lerobot with its Feetech motors")
     try:
-        configs = importlib.import_module("lerobot.teleoperators.config")
-        makers = importlib.import_module("lerobot.teleoperators.utils")
-        for module in (kind, "so_leader"):  # lerobot 0.4 has a module per kind, 0.6 has so_leader
-            try:
-                importlib.import_module(f"lerobot.teleoperators.{module}")
-                break
-            except ModuleNotFoundError as problem:
-                if problem.name != f"lerobot.teleoperators.{module}":
-                    raise
-        made = makers.make_teleoperator_from_config(
-            configs.TeleoperatorConfig.get_choice_class(kind)(port=port, id=name, use_degrees=True)
-        )
-    except Exception as problem:  # inconsistent installations fail in many ways
-        raise missing_packages(
-            f"--leader needs lerobot with its Feetech motors ({one_line(problem)})", "lerobot[feetech]"
-        ) from problem
-    try:
-        made.connect(calibrate=False)
-        is_calibrated = bool(made.is_calibrated)
+        connect_arm(made, leader, port)
+    except CalibrationError:
+        raise
     except Exception as problem:
         cure = "Check that it is plugged in and powered, and that --leader-port names it (lerobot-find-port)"
-        raise InvalidInputError("--leader-port", f"{port}: {one_line(problem)}", cure) from problem
-    if not is_calibrated:
-        made.disconnect()
-        call = f"lerobot-calibrate --teleop.type={kind} --teleop.port={port} --teleop.id={name}"
-        raise InvalidInputError("--leader", f"{kind} {name!r} is not calibrated", f"Run {call}")
+        raise InvalidInputError("--leader-port", f"{port}: {failure(problem, port)}", cure) from problem
     return made
 
 

@@ -6,8 +6,6 @@ never waits for one and knows when its newest frame arrived.
 
 from __future__ import annotations
 
-import contextlib
-import importlib
 import threading
 import time
 from collections.abc import Mapping
@@ -15,17 +13,30 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError, one_line
-from betterbench.installation import missing_packages
+from betterbench.demonstrations.teleop.lerobot_arms import (
+    RETRIES,
+    ArmKind,
+    CalibrationError,
+    clear_port,
+    close_arm,
+    connect_arm,
+    failure,
+    make_arm,
+    read_motors,
+)
+from betterbench.errors import InvalidInputError
 from betterbench.real.plan import PlannedTrial, Unit
 from betterbench.real.record import MOTORS
 from betterbench.real.robots.robot import Frame, Reading, RobotError
 
 KIND = "so101_follower"
-RETRIES = 2
-"""Repetitions of a failed request to the motors; a Feetech bus loses a packet now and then."""
 FIRST_FRAME_S = 5.0
 """Longest time until each camera has sent a frame [s]."""
+_ARM = ArmKind("robots", KIND, "so_follower")
+_CURE = (
+    "Check power and plugs, and --arm-port (lerobot-find-port) and --cameras (lerobot-find-cameras). A motor that "
+    "reports an overload counts as missing: switch its power off and on"
+)
 _LOAD_SIGN, _LOAD_MOST = 1024, 1000
 """Sign bit and maximum of ``Present_Load`` (STS3215: tenths of a percent of the stall torque)."""
 
@@ -63,7 +74,7 @@ class LeRobotArm:
                 "--arm-port", "the serial port of the arm is missing", "Give one such as /dev/ttyACM0"
             )
         if not cameras:
-            raise InvalidInputError("--camera", "no camera is given", "Give at least front=0")
+            raise InvalidInputError("--cameras", "no camera is given", "Give at least front=0")
         self.cameras = tuple(cameras)
         self._port, self._id, self._unit = port, arm_id, unit
         self._sources, self._size, self._rate_hz = dict(cameras), size, rate_hz
@@ -81,19 +92,13 @@ class LeRobotArm:
         """
         arm = self._made()
         try:
-            arm.connect(calibrate=False)
-            is_calibrated = bool(arm.is_calibrated)
+            connect_arm(arm, _ARM, self._port)
+        except CalibrationError as problem:
+            raise RobotError(str(problem)) from problem
         except Exception as problem:
-            with contextlib.suppress(Exception):
-                arm.disconnect()
-            cure = "Check power and plugs, and --arm-port (lerobot-find-port) and --camera (lerobot-find-cameras)"
-            raise RobotError(f"{KIND} at {self._port}: {one_line(problem)}. {cure}.") from problem
-        if not is_calibrated:
-            with contextlib.suppress(Exception):
-                arm.disconnect()
-            call = f"lerobot-calibrate --robot.type={KIND} --robot.port={self._port} --robot.id={self._id}"
-            raise RobotError(f"{KIND} {self._id!r} is not calibrated. Run {call}.")
+            raise RobotError(f"{KIND} at {self._port}: {failure(problem, self._port)}. {_CURE}.") from problem
         self._arm = arm
+        self._frames.clear()
         self._is_over.clear()
         for name, camera in arm.cameras.items():
             thread = threading.Thread(target=self._watch, args=(name, camera), name=f"camera {name}", daemon=True)
@@ -104,43 +109,26 @@ class LeRobotArm:
             if time.monotonic() > until:
                 missing = ", ".join(name for name in self.cameras if name not in self._frames)
                 self.disconnect()
-                raise RobotError(f"Camera {missing} sends no frames. Check its plug, and --camera.")
+                raise RobotError(f"Camera {missing} sends no frames. Check its plug, and --cameras.")
             time.sleep(0.02)
 
     def _made(self) -> Any:  # noqa: ANN401 - lerobot's Robot
+        width, height = self._size
+        size = {"fps": self._rate_hz, "width": width, "height": height}
+        cameras = {
+            name: {"index_or_path": int(source) if source.isdigit() else source, **size}
+            for name, source in self._sources.items()
+        }
+        options = {
+            "port": self._port,
+            "id": self._id,
+            "use_degrees": self._unit == "degrees",
+            "disable_torque_on_disconnect": False,
+        }
         try:
-            configs = importlib.import_module("lerobot.robots.config")
-            makers = importlib.import_module("lerobot.robots.utils")
-            opencv = importlib.import_module("lerobot.cameras.opencv.configuration_opencv")
-            for module in (KIND, "so_follower"):  # lerobot 0.4 has a module per kind, 0.6 has so_follower
-                try:
-                    importlib.import_module(f"lerobot.robots.{module}")
-                    break
-                except ModuleNotFoundError as problem:
-                    if problem.name != f"lerobot.robots.{module}":
-                        raise
-            width, height = self._size
-            cameras = {
-                name: opencv.OpenCVCameraConfig(
-                    index_or_path=int(source) if source.isdigit() else source,
-                    fps=self._rate_hz,
-                    width=width,
-                    height=height,
-                )
-                for name, source in self._sources.items()
-            }
-            config = configs.RobotConfig.get_choice_class(KIND)(
-                port=self._port,
-                id=self._id,
-                use_degrees=self._unit == "degrees",
-                cameras=cameras,
-                disable_torque_on_disconnect=False,
-            )
-            return makers.make_robot_from_config(config)
-        except Exception as problem:  # inconsistent installations fail in many ways
-            raise missing_packages(
-                f"The arm needs lerobot with its Feetech motors ({one_line(problem)})", "lerobot[feetech]"
-            ) from problem
+            return make_arm(_ARM, options, what="The arm needs lerobot with its Feetech motors", cameras=cameras)
+        except CalibrationError as problem:
+            raise RobotError(str(problem)) from problem
 
     def now(self) -> float:
         """Return the time [s]."""
@@ -153,28 +141,37 @@ class LeRobotArm:
         """Return positions, loads and the newest frames. Raises RobotError."""
         bus = self._connected.bus
         try:
-            positions = bus.sync_read("Present_Position", num_retry=RETRIES)
-            loads = bus.sync_read("Present_Load", normalize=False, num_retry=RETRIES)
+            positions = read_motors(bus, "Present_Position")
+            loads = read_motors(bus, "Present_Load", normalize=False)
         except Exception as problem:
-            raise _silent(problem) from problem
+            raise self._silent(problem) from problem
         state = np.array([float(positions[motor]) for motor in MOTORS])
         load = np.array([_signed(int(loads[motor])) / _LOAD_MOST for motor in MOTORS])
         return Reading(self.now(), state, load, dict(self._frames))
 
     def command(self, positions: np.ndarray) -> None:
         """Send targets to the motors. Raises RobotError."""
-        action = {f"{motor}.pos": float(value) for motor, value in zip(MOTORS, positions, strict=True)}
+        bus = self._connected.bus
+        goals = {motor: float(value) for motor, value in zip(MOTORS, positions, strict=True)}
         try:
-            self._connected.send_action(action)
+            clear_port(bus)
+            # lerobot's send_action does the same, but refuses without a camera: the arm could then not be held.
+            bus.sync_write("Goal_Position", goals)
         except Exception as problem:
-            raise _silent(problem) from problem
+            raise self._silent(problem) from problem
 
     def release(self) -> None:
-        """Switch the torque off; the arm sinks. Raises RobotError."""
-        try:
-            self._connected.bus.disable_torque(num_retry=RETRIES)
-        except Exception as problem:
-            raise _silent(problem) from problem
+        """Switch the torque of all motors off; the arm sinks. Raises RobotError after all motors were tried."""
+        bus = self._connected.bus
+        problems: list[Exception] = []
+        for motor in MOTORS:
+            try:
+                clear_port(bus)
+                bus.disable_torque(motor, num_retry=RETRIES)
+            except Exception as problem:  # noqa: BLE001 - such as an overloaded motor, which answers with an error
+                problems.append(problem)
+        if problems:
+            raise self._silent(problems[0]) from problems[0]
 
     def disconnect(self) -> None:
         """Close the connection; the motors keep their position."""
@@ -184,14 +181,17 @@ class LeRobotArm:
         self._threads.clear()
         arm, self._arm = self._arm, None
         if arm is not None:
-            with contextlib.suppress(Exception):  # an arm that was unplugged
-                arm.disconnect()
+            close_arm(arm)
 
     @property
     def _connected(self) -> Any:  # noqa: ANN401 - lerobot's Robot
         if self._arm is None:
             raise RobotError("The arm is not connected. Call connect first.")
         return self._arm
+
+    def _silent(self, problem: Exception) -> RobotError:
+        told = failure(problem, self._port)
+        return RobotError(f"The motors do not answer ({told}). Check the USB cable, the power and the wires.")
 
     def _watch(self, name: str, camera: Any) -> None:  # noqa: ANN401 - lerobot's Camera
         """Keep the newest frame of a camera; a camera that fails keeps its last one, whose age then grows."""
@@ -207,7 +207,3 @@ class LeRobotArm:
 def _signed(load: int) -> int:
     """Return a load with its sign: newer versions of lerobot decode it, older ones give the sign bit."""
     return load if abs(load) < _LOAD_SIGN else _LOAD_SIGN - load
-
-
-def _silent(problem: Exception) -> RobotError:
-    return RobotError(f"The motors do not answer ({one_line(problem)}). Check the USB cable, the power and the wires.")

@@ -1,0 +1,219 @@
+"""LeRobot's own classes of SO-100 and SO-101 arms: making one, checking its calibration, reading and closing it.
+
+lerobot is optional and imported when an arm is made. Tried with lerobot 0.4.4 and 0.6.1 on emulated servos
+(``tests/real/with_lerobot.py``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.installation import missing_packages
+
+RETRIES = 2
+"""Repetitions of a failed request to the motors; a Feetech bus loses a packet now and then."""
+QUIET_S = 0.06
+"""Time for late answers to arrive after a failed request [s]."""
+
+
+class CalibrationError(InvalidInputError):
+    """The motors and the calibration file of an arm do not belong together."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmKind:
+    """Kind of arm in lerobot's words.
+
+    Attributes:
+        group: Its part of lerobot.
+        name: Name of the kind ("so101_follower").
+        module: Module of that part with the class.
+    """
+
+    group: Literal["robots", "teleoperators"]
+    name: str
+    module: str
+
+    @property
+    def config_class(self) -> str:
+        """Name of the class in which its kinds of configurations are registered."""
+        return {"robots": "RobotConfig", "teleoperators": "TeleoperatorConfig"}[self.group]
+
+    @property
+    def maker(self) -> str:
+        """Name of the function that makes an arm from a configuration."""
+        return f"make_{self.group.removesuffix('s')}_from_config"
+
+    def calibrate_call(self, port: str, name: str) -> str:
+        """Return the command that calibrates an arm."""
+        option = {"robots": "robot", "teleoperators": "teleop"}[self.group]
+        return f"lerobot-calibrate --{option}.type={self.name} --{option}.port={port} --{option}.id={name}"
+
+
+def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: Mapping[str, Any] | None = None) -> Any:  # noqa: ANN401 - lerobot's class
+    """Return an arm of lerobot; nothing is opened.
+
+    Args:
+        kind: Its kind.
+        options: Options of its configuration, with ``id``.
+        what: Beginning of the message if lerobot is missing.
+        cameras: Options of lerobot's OpenCV cameras by name, for a robot.
+
+    Raises:
+        MissingDependencyError: If lerobot, or a package that it needs for these motors, is not installed.
+        CalibrationError: If the calibration file cannot be read.
+    """
+    try:
+        configs = importlib.import_module(f"lerobot.{kind.group}.config")
+        makers = importlib.import_module(f"lerobot.{kind.group}.utils")
+        module = None
+        for name in (kind.module, kind.name):  # older versions of lerobot have a module for each kind
+            try:
+                module = importlib.import_module(f"lerobot.{kind.group}.{name}")
+                break
+            except ModuleNotFoundError as problem:
+                if problem.name != f"lerobot.{kind.group}.{name}":
+                    raise
+        given = dict(options)
+        if cameras is not None:
+            opencv = importlib.import_module("lerobot.cameras.opencv.configuration_opencv")
+            given["cameras"] = {name: opencv.OpenCVCameraConfig(**chosen) for name, chosen in cameras.items()}
+        config = getattr(configs, kind.config_class).get_choice_class(kind.name)(**given)
+    except Exception as problem:  # inconsistent installations fail in many ways
+        raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
+    try:
+        return getattr(makers, kind.maker)(config)
+    except ImportError as problem:
+        raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
+    except Exception as problem:  # lerobot reads the calibration file now
+        file = _calibration_file(kind, module, str(options["id"]))
+        if file is None or not file.is_file():
+            raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
+        call = kind.calibrate_call(str(options["port"]), str(options["id"]))
+        told = f"not a calibration of lerobot ({one_line(problem)})"
+        raise CalibrationError(str(file), told, f"Move the file away, then run {call}") from problem
+
+
+def _calibration_file(kind: ArmKind, module: Any, name: str) -> Path | None:  # noqa: ANN401 - a module of lerobot
+    """Return where lerobot keeps the calibration of an arm, or None if its class is not found."""
+    words = kind.name.split("_")  # so101_follower: SO101Follower
+    made = getattr(module, f"{words[0].upper()}{words[1].title()}", None)
+    if made is None:
+        return None
+    constants = importlib.import_module("lerobot.utils.constants")
+    return Path(constants.HF_LEROBOT_CALIBRATION) / kind.group / str(made.name) / f"{name}.json"
+
+
+def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
+    """Compare the calibration file of an arm with the motors, over a connection that is closed again.
+
+    lerobot's own connect switches the torque of a robot on, also of one that is not calibrated.
+
+    Raises:
+        CalibrationError: If there is no file, or the motors hold other values.
+        OSError, RuntimeError: If the motors do not answer.
+    """
+    call = kind.calibrate_call(port, str(arm.id))
+    file = Path(arm.calibration_fpath)
+    if not arm.calibration:
+        raise CalibrationError(f"{kind.name} {arm.id!r}", f"not calibrated: there is no {file}", f"Run {call}")
+    for motor, kept in arm.calibration.items():
+        if kept.range_min >= kept.range_max:
+            told = f"{motor} has no range ({kept.range_min} to {kept.range_max})"
+            raise CalibrationError(str(file), told, f"Run {call}")
+    try:
+        arm.bus.connect()
+        held = arm.bus.read_calibration()
+    finally:
+        close_arm(arm)
+    values = ("homing_offset", "range_min", "range_max")
+    differing = [
+        motor
+        for motor in {**held, **arm.calibration}
+        if motor not in held
+        or motor not in arm.calibration
+        or any(getattr(held[motor], name) != getattr(arm.calibration[motor], name) for name in values)
+    ]
+    if differing:
+        raise CalibrationError(
+            f"{kind.name} {arm.id!r}",
+            f"not calibrated: {', '.join(differing)} of this arm and {file} differ",
+            f"Give the id of this arm, or run {call} (Enter there writes the file to the motors)",
+        )
+
+
+def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
+    """Check the calibration of an arm and connect it; begin again if that fails, because lerobot repeats no request.
+
+    Raises:
+        CalibrationError: If its calibration is missing or another one.
+        Exception: What lerobot raises; nothing is open then.
+    """
+    for left in reversed(range(RETRIES + 1)):
+        try:
+            check_calibration(arm, kind, port)
+            arm.connect(calibrate=False)
+        except CalibrationError:
+            raise
+        except Exception:
+            close_arm(arm)
+            if not left or not Path(port).exists():
+                raise
+            time.sleep(QUIET_S)
+        else:
+            return
+
+
+def close_arm(arm: Any) -> None:  # noqa: ANN401 - lerobot's class
+    """Close what is open of an arm, without a change of its torque.
+
+    lerobot's own disconnect does nothing if the bus or a camera is not connected.
+    """
+    with contextlib.suppress(Exception):  # of an arm that was unplugged, or not connected
+        arm.bus.disconnect(disable_torque=False)
+    for camera in getattr(arm, "cameras", {}).values():
+        with contextlib.suppress(Exception):
+            camera.disconnect()
+
+
+def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
+    """Drop what waits in the port, before a request.
+
+    Answers do not name their request. A late one would be taken for the answer to the next request, as loads for
+    positions, and so on from then on.
+    """
+    port = bus.port_handler
+    port.is_using = False  # a request that raised left it set, and every later one would be refused
+    port.ser.reset_input_buffer()
+
+
+def read_motors(bus: Any, register: str, *, normalize: bool = True) -> dict[str, float]:  # noqa: ANN401 - FeetechMotorsBus
+    """Return a register of all motors by name; repeat a failed request. Raises what lerobot and pyserial raise."""
+    failures = 0
+    while True:
+        clear_port(bus)
+        try:
+            found = dict(bus.sync_read(register, normalize=normalize))
+        except ConnectionError:
+            failures += 1
+            time.sleep(QUIET_S)
+            if failures > RETRIES:
+                raise
+        else:
+            if failures:  # this may be the late answer to the first request, and the one to the second still comes
+                time.sleep(QUIET_S)
+            return found
+
+
+def failure(problem: Exception, port: str) -> str:
+    """Return what lerobot says about motors, in one line without its lists of all motors and its period."""
+    if not Path(port).exists():
+        return f"there is no {port}"
+    return one_line(str(problem).partition("\nFull expected motor list")[0]).rstrip(" .")
