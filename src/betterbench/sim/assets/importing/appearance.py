@@ -45,7 +45,7 @@ _AGGRESSION = 2.0
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
-    """Return the visual parts of an object, at most 600 triangles, or 1,200 for thin walls.
+    """Return the visual parts of an object, at most 600 triangles, 1,200 for thin walls, or 2,400 for many parts.
 
     Parts with a single color each stay unchanged if they have few triangles in total. Otherwise the surface becomes one
     reduced part with a new texture, in which each triangle has its own area.
