@@ -106,7 +106,8 @@ def test_the_gizmo_moves_what_is_chosen(desk):
     assert kinds(desk) == ["region", "grasp", "grasp"]
 
 
-def test_what_is_not_possible_is_said_and_not_written(desk):
+def test_what_is_not_possible_is_said_and_neither_computed_nor_written(desk, monkeypatch):
+    monkeypatch.delattr("betterbench.review.desk.changed")
     for edit in (lambda: desk.size(5.0), lambda: desk.weigh(-1.0), lambda: desk.call(" ")):
         edit()
         assert not desk.keep()

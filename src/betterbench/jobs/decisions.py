@@ -176,6 +176,14 @@ class DecisionJournal(LineJournal, Generic[LineT]):
         """All decisions."""
         return tuple(self._reviews)
 
+    def check(self, review: LineT) -> None:
+        """Check the fields of a decision, before anything is computed from it.
+
+        Raises:
+            InvalidInputError: If a field of the decision is not valid.
+        """
+        read_form(self.adapter, dump_json(self.form(review)), where="decision", cure="Give another value")
+
     def append(self, review: LineT) -> History[LineT]:
         """Append a decision, and return the history of its subject after the line is on disk.
 
@@ -183,8 +191,8 @@ class DecisionJournal(LineJournal, Generic[LineT]):
             InvalidInputError: If a field of the decision is not valid.
             RecordError: If the decision does not fit those before it.
         """
+        self.check(review)
         form = self.form(review)
-        read_form(self.adapter, dump_json(form), where="decision", cure="Give another value")
         number = len(self._reviews) + 1
         new = self.history(review.content).after(number, review, f"{self._where}: line {number}")
         link = link_after(self._link, form)

@@ -228,6 +228,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         if edit.before == edit.after:
             return True
         try:
+            self.journal.check(self._review(edit))  # a size of meters would be computed for a minute
             new = changed(state, edit, where=item.name)
             self._write(edit)
         except (BetterError, ValidationError) as error:
@@ -252,9 +253,12 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         self._say(f"Undone: {what}.")
 
     def _write(self, decision: Decision) -> None:
+        self.journal.append(self._review(decision))
+
+    def _review(self, decision: Decision) -> Review:
         item, state = self.at_hand, self.state
         size = (0.0, 0.0, 0.0) if state is None else state.size_m
-        self.journal.append(Review(self.author, now(), item.content, item.name, size, decision))
+        return Review(self.author, now(), item.content, item.name, size, decision)
 
     # --------------------------------------------------------------------------------------------------------- trials
 

@@ -270,6 +270,7 @@ def test_certificates_are_kept_and_only_the_missing_ones_are_made(tmp_path, monk
     assert both[0] == first[0]
 
 
+@pytest.mark.usefixtures("imports_here")
 def test_the_command_prints_what_failed_and_exits_with_one(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert main(["assets", "check", "block", "--kind", "block", "--json"]) == 0

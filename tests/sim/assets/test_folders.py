@@ -56,16 +56,16 @@ def request(path, **said):
     return ImportRequest(path=path, wishes=Wishes(**wishes), **said)
 
 
-def test_a_folder_lists_what_was_imported_and_from_what(clean):
-    report = import_assets([request(block(clean / "toyBlock.stl"), author="Ada L.", up="z")], clean / "mine")
+def test_a_folder_lists_what_was_imported_and_from_what(quick):
+    report = import_assets([request(block(quick / "toyBlock.stl"), author="Ada L.", up="z")], quick / "mine")
     assert (report.made, report.kept, report.failed) == (["toy_block"], [], [])
-    asset = manifest_of(clean / "mine").assets["toy_block"]
+    asset = manifest_of(quick / "mine").assets["toy_block"]
     assert (asset.license, asset.author, asset.kind) == ("CC0-1.0", "Ada L.", "block")
     assert asset.source_files.keys() == {"toyBlock.stl"}
     assert asset.size_m == pytest.approx((0.05, 0.016, 0.012), abs=1e-4)
     assert asset.options == {"name": "block", "size_m": 0.05, "up": "z", "license": "CC0-1.0", "author": "Ada L."}
     assert any("as given" in note for note in asset.notes)
-    user_files.load_asset_folders([clean / "mine"])
+    user_files.load_asset_folders([quick / "mine"])
     built = build("toy_block")
     assert built.mass_kg == asset.mass_kg
     assert built.license == "CC0-1.0"

@@ -123,7 +123,7 @@ def looks_differ_and_colors_do_not_change_the_shape(category, chosen):
     assert len(looks(category)) >= 8
     assert len(unseen_looks(category)) >= 4
     assert len({build(category, look=look).content_hash() for look in chosen}) == len(chosen)
-    shapes = {build(category, color=color).size_m for color in colors(category)}
+    shapes = {build_unpainted(category, color=color).size_m for color in colors(category)}
     assert len(shapes) == 1
     assert build(category) is build(category, look=0, color=colors(category)[0])
 
@@ -143,16 +143,19 @@ CONTRACTS = (
     has_a_box_that_holds_what_is_seen_and_touched,
     has_grasps_that_fit_a_parallel_jaw,
     stands_where_it_is_put,
-    is_the_same_without_its_textures,
 )
 
 
 def check_category(category, *, every=1):
-    """Check the looks of a category; a failure names the asset (category, color and look) and the contract."""
+    """Check the looks of a category; a failure names the asset (category, color and look) and the contract.
+
+    Every look is built a second time, without textures, if all are checked, and otherwise the first one.
+    """
     chosen = (*looks(category)[::every], *unseen_looks(category)[::every])
     for look in chosen:
         asset = build(category, look=look)
-        for contract in CONTRACTS:
+        built_again = (is_the_same_without_its_textures,) if every == 1 or look == chosen[0] else ()
+        for contract in (*CONTRACTS, *built_again):
             try:
                 contract(asset)
             except AssertionError as error:
@@ -245,20 +248,25 @@ def test_a_generator_needs_a_name_a_color_and_a_look():
 PAGE = Path(__file__).parents[3] / "docs" / "adding-an-asset.md"
 
 
-def test_the_assets_of_the_contributors_page_work(tmp_path):
+def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch):
     """Carries the page out: both files, the checks that it names, and the picture."""
     candle, book, look = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-    (tmp_path / "look.py").write_text(look)
+    script = tmp_path / "look.py"
+    script.write_text(look)
     for name, code in (("candle", candle), ("book", book)):
+        picture = tmp_path / f"{name}.png"
+        command = [str(script), str(tmp_path / f"{name}.py"), name, str(picture)]
         load(tmp_path / f"{name}.py", code)
         try:
             check_category(name)
+            if name == "book":  # a process takes 1 s of CPU; that of the candle loads the file by itself
+                monkeypatch.setattr(sys, "argv", command)
+                runpy.run_path(str(script), run_name="__main__")
         finally:
             unregister(name)
-        picture = tmp_path / f"{name}.png"
-        command = [sys.executable, str(tmp_path / "look.py"), str(tmp_path / f"{name}.py"), name, str(picture)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        if name == "candle":
+            done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
         assert np.ptp(np.asarray(Image.open(picture)), axis=(0, 1)).min() > 50, "there is something to see"
 
 

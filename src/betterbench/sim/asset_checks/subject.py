@@ -66,7 +66,7 @@ class Subject:
     @functools.cached_property
     def touched_cavity(self) -> Cavity | None:
         """The hollow left free by the collision parts, or None."""
-        return cavity_of(surface_solid(self.hulls))
+        return cavity_of(surface_solid(self.hulls), of_hulls=True)
 
     @functools.cached_property
     def distances(self) -> Distances:

@@ -239,9 +239,10 @@ def test_triangles_that_face_inward_are_turned_around(tmp_path):
 )
 def test_bottles_stand_and_forks_lie_however_a_file_holds_them(tmp_path, name, mesh, up):
     """The files hold y up, so that the fork stands on end and the bottle lies."""
-    found = import_mesh(saved(mesh, tmp_path / f"{name}.glb"), Wishes(size_m=float(np.ptp(mesh.bounds, axis=0).max())))
-    assert found.draft.parameters["up"] in up
-    assert f"since a {name}" in " ".join(found.notes)
+    mesh_file = read_mesh_file(saved(mesh, tmp_path / f"{name}.glb"))
+    placed = place(mesh_file, kind_of(name), f"{name}.glb", size_m=float(np.ptp(mesh.bounds, axis=0).max()))
+    assert placed.up in up
+    assert f"since a {name}" in " ".join(placed.notes)
 
 
 def test_a_fork_stands_on_end_if_this_is_asked_for(tmp_path):

@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from betterbench.sim.assets.importing.appearance import LOST_SHARE, THIN_FACE_BUDGET, visual_parts
+from betterbench.sim.assets.importing.appearance import (
+    LOST_SHARE,
+    THIN_FACE_BUDGET,
+    WIRES_FACE_BUDGET,
+    _reduced_enough,
+    visual_parts,
+)
+from betterbench.sim.assets.importing.cavity import cavity_of
+from betterbench.sim.assets.importing.hulls import convex_hulls, filled_share
+from betterbench.sim.assets.importing.measures import surface_solid
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart
+from betterbench.sim.assets.importing.solid import solid_of
 
 
 def grid(count, sides, radius):
@@ -45,3 +56,48 @@ def test_no_wire_is_lost():
     assert cKDTree(after).query(before)[0].max() < LOST_SHARE * size
     a, b, c = (part.vertices[part.faces[:, k]].astype(float) for k in range(3))
     assert np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0, "the triangles face outward"
+
+
+def basket(radius=0.09, height=0.08, wire=0.0015):
+    """Return a round basket of hoops, posts and crossing bars, each closed by itself, as (points, triangles) [m]."""
+    hoops = [
+        trimesh.creation.torus(radius, wire, 40, 8).apply_translation([0, 0, z]) for z in np.linspace(0, height, 8)
+    ]
+    turns = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    feet = np.stack([radius * np.cos(turns), radius * np.sin(turns), 0.0 * turns], axis=1)
+    ends = [(foot, foot + np.array([0.0, 0.0, height])) for foot in feet]
+    for at in np.arange(0.012 - radius, radius, 0.012):
+        half = float(np.sqrt(radius**2 - at**2))
+        ends += [((at, -half, 0.0), (at, half, 0.0)), ((-half, at, 0.0), (half, at, 0.0))]
+    mesh = trimesh.util.concatenate([*hoops, *(trimesh.creation.cylinder(wire, segment=e, sections=8) for e in ends)])
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+
+
+def test_a_wire_basket_keeps_its_hoops_and_its_opening():
+    points, faces = basket()
+    solid = solid_of(points, faces)
+    cavity = cavity_of(solid)
+    seen = _reduced_enough(points, faces)
+    assert len(seen[1]) <= WIRES_FACE_BUDGET
+    visible = cavity_of(solid_of(*seen))
+    assert visible is not None, "a hoop is lost"
+    assert visible.volume_m3 == pytest.approx(cavity.volume_m3, rel=0.1)
+    hulls, _ = convex_hulls(solid, (points, faces), cavity)
+    assert filled_share(hulls, solid, cavity) < 0.1
+    touched = cavity_of(surface_solid(hulls), of_hulls=True)
+    assert touched is not None, "a seam between two parts is not a leak"
+    assert touched.volume_m3 > 0.6 * cavity.volume_m3
+
+
+def test_a_hole_in_the_floor_of_collision_parts_is_no_seam():
+    walls = [trimesh.creation.box((0.1, 0.002, 0.05)).apply_translation([0, s * 0.05, 0.025]) for s in (-1, 1)]
+    walls += [trimesh.creation.box((0.002, 0.1, 0.05)).apply_translation([s * 0.05, 0, 0.025]) for s in (-1, 1)]
+    for gap, holds in ((0.0025, True), (0.012, False)):
+        side = 0.5 * (0.1 - gap)
+        floor = [
+            trimesh.creation.box((side, 0.1, 0.002)).apply_translation([s * 0.5 * (side + gap), 0, 0.001])
+            for s in (-1, 1)
+        ]
+        solid = surface_solid([np.asarray(part.vertices) for part in (*walls, *floor)])
+        assert cavity_of(solid) is None
+        assert (cavity_of(solid, of_hulls=True) is not None) is holds

@@ -18,6 +18,8 @@ FACE_BUDGET = 600
 """Maximum number of triangles per asset, because each costs time in software rendering."""
 THIN_FACE_BUDGET = 1_200
 """Maximum number of triangles of a thin-walled asset, which would be dented with only 600."""
+WIRES_FACE_BUDGET = 2_400
+"""Maximum number of triangles of an object of many parts that loses some with 1,200, such as hoops of a basket."""
 DENT_SHARE = 0.006
 """Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
 Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most
@@ -43,7 +45,7 @@ _AGGRESSION = 2.0
 
 
 def visual_parts(mesh: RawMesh) -> tuple[VisualPart, ...]:
-    """Return the visual parts of an object, at most 600 triangles, or 1,200 for thin walls.
+    """Return the visual parts of an object, at most 600 triangles, 1,200 for thin walls, or 2,400 for many parts.
 
     Parts with a single color each stay unchanged if they have few triangles in total. Otherwise the surface becomes one
     reduced part with a new texture, in which each triangle has its own area.
@@ -115,24 +117,41 @@ def _painted(mesh: RawMesh) -> VisualPart:
 
 
 def _reduced_enough(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a surface of 600 triangles, or of 1,200 if it would be dented or lose parts."""
+    """Return a surface of 600 triangles, of 1,200 if it would be dented, or of 2,400 if it would lose parts."""
     if len(faces) <= FACE_BUDGET:
         return vertices, faces
     points, triangles = vertices, faces
     size = float(np.ptp(vertices, axis=0).max())
     before = _some(spread(vertices, faces, size / 120.0)[0])
+    of_before = cKDTree(before)
     is_lost = False
     for budget in (FACE_BUDGET, THIN_FACE_BUDGET):
         points, triangles = reduced(vertices, faces, budget)
         if len(triangles) == len(faces):
             return points, triangles
         after = _some(spread(points, triangles, size / 120.0)[0])
-        is_lost = bool(cKDTree(after).query(before)[0].max() > LOST_SHARE * size)
-        dent = max(_farthest(before, after), _farthest(after, before))
-        if not is_lost and dent - size / 240.0 <= DENT_SHARE * size:  # points are half a spacing apart
-            return points, triangles
-    whole = _reduced_parts(vertices, faces, THIN_FACE_BUDGET) if is_lost else None
-    return (points, triangles) if whole is None else whole
+        of_after = cKDTree(after)
+        is_lost = _is_lost(before, of_after, size)
+        if not is_lost:
+            dent = max(_farthest(before, of_after), _farthest(after, of_before))
+            if dent - size / 240.0 <= DENT_SHARE * size:  # points are half a spacing apart
+                return points, triangles
+    if is_lost:
+        for budget in (THIN_FACE_BUDGET, WIRES_FACE_BUDGET):
+            whole = _reduced_parts(vertices, faces, budget)
+            if whole is None:
+                continue
+            points, triangles = whole
+            if not _is_lost(before, cKDTree(_some(spread(points, triangles, size / 120.0)[0])), size):
+                break
+    return points, triangles
+
+
+def _is_lost(before: np.ndarray, after: cKDTree, size: float) -> bool:
+    """Return whether a point of a surface has no point of the reduced surface near it."""
+    # A distance beyond the bound is infinite, and its search ends sooner.
+    bound = np.nextafter(LOST_SHARE * size, np.inf)
+    return bool(np.isinf(after.query(before, distance_upper_bound=bound)[0]).any())
 
 
 def _reduced_parts(vertices: np.ndarray, faces: np.ndarray, budget: int) -> tuple[np.ndarray, np.ndarray] | None:
@@ -201,9 +220,9 @@ def _some(points: np.ndarray) -> np.ndarray:
     return points[:: 1 + len(points) // _MOST_POINTS]
 
 
-def _farthest(points: np.ndarray, others: np.ndarray) -> float:
+def _farthest(points: np.ndarray, others: cKDTree) -> float:
     """Return the 99th percentile of the distances to other points."""
-    return float(np.percentile(cKDTree(others).query(points[:: max(1, len(points) // 5_000)])[0], 99))
+    return float(np.percentile(others.query(points[:: max(1, len(points) // 5_000)])[0], 99))
 
 
 def normals_of(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -247,20 +266,21 @@ def _atlas(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     rows, columns = np.meshgrid(np.arange(cell), np.arange(cell), indexing="ij")
     centers = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
     lower = centers.sum(axis=1) <= cell
-    where, owners, weights, uv = [], [], [], []
-    for k in range(count):
-        half = k % 2
-        origin = np.array([(k // 2) % across, (k // 2) // across]) * cell
-        mine = lower if half == 0 else ~lower
+    halves = []
+    for (a, b, c), mine in zip(corners, (lower, ~lower), strict=True):
         spots = centers[mine]
-        a, b, c = corners[half]
         shares = np.linalg.solve(np.stack([b - a, c - a], axis=1), (spots - a).T).T
         # A pixel beyond an edge takes the color of the edge.
         s = np.clip(shares, 0.0, 1.0)
         s = s / np.maximum(s.sum(axis=1, keepdims=True), 1.0)
-        weights.append(np.column_stack([1.0 - s.sum(axis=1), s]))
-        pixels = np.floor(spots).astype(int) + origin
-        where.append(pixels[:, ::-1])
+        halves.append((np.floor(spots).astype(int), np.column_stack([1.0 - s.sum(axis=1), s])))
+    where, owners, weights, uv = [], [], [], []
+    for k in range(count):
+        half = k % 2
+        origin = np.array([(k // 2) % across, (k // 2) // across]) * cell
+        spots, share = halves[half]
+        weights.append(share)
+        where.append((spots + origin)[:, ::-1])
         owners.append(np.full(len(spots), k))
         at = (corners[half] + origin) / ATLAS
         uv.append(np.column_stack([at[:, 0], 1.0 - at[:, 1]]))

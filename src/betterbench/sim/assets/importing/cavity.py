@@ -17,6 +17,8 @@ _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
 """Width of a gap that objects do not fall through [m], and the number of such gaps in a grid; a leak has fewer."""
+_SEAM_CELLS = 2.0
+"""Width of a gap between collision parts that is a seam [cells]: hulls end at points, which are a cell apart."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
@@ -58,9 +60,17 @@ def tops_of(solid: Solid) -> np.ndarray:
     return tops
 
 
-def cavity_of(solid: Solid) -> Cavity | None:
-    """Return the hollow of an object in its current pose, or None if the hollow holds hardly any water."""
-    tops = _without_gaps(tops_of(solid), solid.pitch_m)
+def cavity_of(solid: Solid, *, of_hulls: bool = False) -> Cavity | None:
+    """Return the hollow of an object in its current pose, or None if the hollow holds hardly any water.
+
+    Args:
+        solid: The object.
+        of_hulls: Whether it consists of convex collision parts, between which seams are no leak.
+    """
+    tops = tops_of(solid)
+    if of_hulls:
+        tops = _without_gaps(tops, solid.pitch_m, most_m=_SEAM_CELLS * solid.pitch_m, least=1)
+    tops = _without_gaps(tops, solid.pitch_m, most_m=_GAP_M + solid.pitch_m, least=_LEAST_GAPS)
     level = _water(tops)
     # Empty columns are never under water: their level and their height are both -inf.
     depth = np.where(np.isfinite(tops), level - np.where(np.isfinite(tops), tops, 0.0), 0.0)
@@ -78,17 +88,24 @@ def cavity_of(solid: Solid) -> Cavity | None:
     return Cavity(mask, tops, rim, floor, float(volumes[best - 1]))
 
 
-def _without_gaps(tops: np.ndarray, pitch_m: float) -> np.ndarray:
-    """Return heights with the gaps of a grid filled to the height of its bars, because a wire basket holds objects."""
+def _without_gaps(tops: np.ndarray, pitch_m: float, *, most_m: float, least: int) -> np.ndarray:
+    """Return heights with the gaps of a grid filled to the height of its bars, because a wire basket holds objects.
+
+    Args:
+        tops: (nx, ny) highest surface of each column of cells [m].
+        pitch_m: Side of a cell [m].
+        most_m: Width of the widest gap that is filled [m].
+        least: Smallest number of such gaps that are filled.
+    """
     footprint = np.isfinite(tops)
     gaps = ndimage.binary_fill_holes(footprint) & ~footprint
     labels, count = ndimage.label(gaps)
-    if count < _LEAST_GAPS:
+    if count < least:
         return tops
     reach, nearest = ndimage.distance_transform_edt(gaps, return_indices=True)
     widths = 2.0 * pitch_m * ndimage.maximum(reach, labels, range(1, count + 1))
-    narrow = np.flatnonzero(widths < _GAP_M + pitch_m) + 1
-    if len(narrow) < _LEAST_GAPS:
+    narrow = np.flatnonzero(widths < most_m + 1e-9) + 1
+    if len(narrow) < least:
         return tops
     filled = np.isin(labels, narrow)
     return np.where(filled, tops[tuple(nearest)], tops)

@@ -177,6 +177,8 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         _require_readable(data, kind, where)
     if kind == "obj" and _VERTEX_ZERO.search(data) is not None:
         raise InvalidInputError(where, "a triangle names vertex 0, and vertices of OBJ are counted from 1", _CURE)
+    if kind == "stl" and _stated_triangles(data) > MAX_FACES:
+        raise _too_many(where)  # before a surface of gigabytes is made of them
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
         parts = tuple(_parts(scene, where))
@@ -192,6 +194,19 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         raise files.problem
     up, unit_m = _RULES.get(kind, (None, None))
     return checked(RawMesh(parts, up, unit_m), where)  # type: ignore[arg-type]
+
+
+def _stated_triangles(data: bytes) -> int:
+    """Return the number of triangles that a binary STL file states, 0 for the text form."""
+    header = 84
+    if len(data) < header:
+        return 0
+    count = struct.unpack("<I", data[80:header])[0]
+    return int(count) if len(data) == header + 50 * count else 0
+
+
+def _too_many(where: str) -> InvalidInputError:
+    return InvalidInputError(where, f"it has more than {MAX_FACES:,} triangles", "Reduce the mesh in a mesh editor")
 
 
 def checked(mesh: RawMesh, where: str) -> RawMesh:
@@ -283,8 +298,7 @@ def _parts(scene: Any, where: str) -> list[RawPart]:  # noqa: ANN401 - a scene o
             continue
         faces += len(mesh.faces)
         if faces > MAX_FACES:
-            problem = f"it has more than {MAX_FACES:,} triangles"
-            raise InvalidInputError(where, problem, "Reduce the mesh in a mesh editor")
+            raise _too_many(where)
         rgba, image, uv, colors = _look(mesh)
         part = RawPart(
             one_line(str(key), most=60),

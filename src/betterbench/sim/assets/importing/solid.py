@@ -69,7 +69,11 @@ def spread(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.
         keep = i + j <= n
         b, c = i[keep] / n, j[keep] / n
         w = np.stack([1.0 - b - c, b, c], axis=1)
-        points.append(np.einsum("kc,mcd->mkd", w, corners[which]).reshape(-1, 3))
+        # Half the time of numpy.einsum, with the same bits on every CPU, which a matrix product does not have.
+        found = w[:, 0, None] * corners[which, 0, None]
+        found += w[:, 1, None] * corners[which, 1, None]
+        found += w[:, 2, None] * corners[which, 2, None]
+        points.append(found.reshape(-1, 3))
         owners.append(np.repeat(which, len(w)))
         weights.append(np.tile(w, (len(which), 1)))
     return np.concatenate(points), np.concatenate(owners), np.concatenate(weights)
@@ -83,7 +87,8 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
     origin = low - 1.5 * pitch
     shape = np.ceil((high - origin) / pitch).astype(int) + 2
     points, _, _ = spread(vertices, faces, 0.6 * pitch)
-    at = np.clip(np.floor((points - origin) / pitch).astype(int), 0, shape - 1)
+    scaled = (points - origin) / pitch
+    at = np.clip(np.floor(scaled).astype(int), 0, shape - 1)
     surface = np.zeros(shape, dtype=bool)
     surface[tuple(at.T)] = True
     cells = ndimage.binary_fill_holes(surface)
@@ -91,13 +96,20 @@ def solid_of(vertices: np.ndarray, faces: np.ndarray, *, grid: int = GRID) -> So
     highest = np.full(tuple(shape[:2]), -np.inf)
     np.maximum.at(highest, (at[:, 0], at[:, 1]), points[:, 2])
     # A few points per cell are enough for hulls and distances.
-    fine = np.floor((points - origin) / pitch * 2.0).astype(np.int64)
-    _, first = np.unique(fine @ np.array([1, 4096, 4096 * 4096]), return_index=True)
-    points = points[np.sort(first)]
+    fine = np.floor(scaled * 2.0).astype(np.int64)
+    first = _first_of_each((fine[:, 0] * 2 * shape[1] + fine[:, 1]) * 2 * shape[2] + fine[:, 2], 8 * int(shape.prod()))
+    points, at = points[first], at[first]
     # Points inside (the layers of a burger, the end of a handle in its wall) are neither visible nor in contact.
     outside = ndimage.binary_dilation(~cells, ndimage.generate_binary_structure(3, 3))
-    points = points[outside[tuple(np.clip(np.floor((points - origin) / pitch).astype(int), 0, shape - 1).T)]]
+    points = points[outside[tuple(at.T)]]
     return Solid(np.asarray(cells, dtype=bool), surface, origin, pitch, points, highest)
+
+
+def _first_of_each(keys: np.ndarray, count: int) -> np.ndarray:
+    """Return the ascending indices (m,) of the first occurrence of each key (n,); keys are below a count."""
+    first = np.full(count, len(keys), dtype=np.int32)
+    first[keys[::-1]] = np.arange(len(keys) - 1, -1, -1, dtype=np.int32)  # of equal keys, the last one written stays
+    return np.sort(first[first < len(keys)])
 
 
 def mass_of_cells(solid: Solid, mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
