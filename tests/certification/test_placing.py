@@ -105,7 +105,7 @@ def test_the_verb_writes_task_files_and_tells_the_numbers(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ([], "--robot: no robot is named"),
+        ([], "--robot: no robot is given"),
         (["--robot", "so100"], "Did you mean 'so101'"),
         (["--robot", "panda"], "laid out for the robot 'panda' already"),
         (["--robot", "so101", "--tasks", "cheesburger"], "Did you mean 'cheeseburger'"),

@@ -56,7 +56,7 @@ def test_a_sentence_makes_one_scenario_with_its_objects(capsys, tmp_path):
 def test_it_is_said_why_a_sentence_is_not_the_instruction(capsys, tmp_path, sentence, said):
     assert main(["generate", sentence, "--out", str(tmp_path / "fruit")]) == 0
     shown = " ".join("".join(capsys.readouterr()).split())
-    assert ("The instruction is not your sentence" in shown) == bool(said)
+    assert ("The instruction differs from your sentence" in shown) == bool(said)
     assert said in shown
 
 

@@ -224,7 +224,7 @@ def test_a_cluster_with_other_versions_is_refused(two_workers, tiny_plan, tmp_pa
 def test_a_cluster_without_a_place_is_named(two_workers, plugin, tiny_plan, tmp_path, monkeypatch):
     monkeypatch.setattr(replicas, "PLACING_S", 2.0)
     plan = tiny_plan(f"{plugin}:Batches", trials=2)
-    with pytest.raises(InvalidInputError, match="with 7 graphics cards each find no free resources"):
+    with pytest.raises(InvalidInputError, match="replicas with 7 GPUs each"):
         evaluate(plan, tmp_path / "run", workers=1, engine="ray", cluster=Cluster(replica_gpus=7.0))
 
 

@@ -167,7 +167,7 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
             {"better/episode": {"task": "fast_food", "condition": "T1", "seed": 0, "action_space": "ee_pose"}},
             "the client executes 'ee_pose'",
         ),
-        ({"prompt": "Sing."}, "They run different versions"),
+        ({"prompt": "Sing."}, "Client and server have different versions"),
         ({"prompt": 7}, "prompt"),
     ],
 )

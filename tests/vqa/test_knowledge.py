@@ -182,7 +182,7 @@ def test_more_answers_than_questions_and_a_missing_set_are_one_line(failing, dec
     with pytest.raises(InvalidInputError, match=r"answers to the [\d,]+ questions of"):
         read_answers(file, decisive)
     assert main(["diagnose", str(failing.path), "--answers", str(file)]) == 2
-    assert "contains no set of questions" in " ".join(capsys.readouterr().err.split())
+    assert "contains no question set" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_set_of_another_kind_is_refused(failing, made, tmp_path):

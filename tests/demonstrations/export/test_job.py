@@ -257,7 +257,7 @@ def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path,
     words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
     assert main(words) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "--preset: belongs to data sets, but submission is not a data set. Add --to lerobot" in said
+    assert "--preset: applies only to data sets, and submission is not a data set. Add --to lerobot" in said
     assert not (tmp_path / "set").exists()
 
 

@@ -112,7 +112,7 @@ def test_one_instruction_tells_nothing_about_words(tmp_path, capsys):
     one = table.set_column(1, "__index_level_0__", pa.array(["tidy up"] * len(table)))
     pq.write_table(one, path / "meta" / "tasks.parquet")
     assert main(["shortcuts", str(path)]) == 0
-    assert "has only one instruction, so it cannot show whether a policy follows words" in " ".join(
+    assert "has only one instruction, so it cannot show whether a policy follows instructions" in " ".join(
         capsys.readouterr().err.split()
     )
 

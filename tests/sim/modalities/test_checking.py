@@ -146,10 +146,9 @@ def test_a_folder_of_another_run_is_no_folder_of_this_one(recorded, folder, chec
         )
     status, told = check(run=other.path)
     assert status == EXIT_BAD_INPUT
-    assert "contains no file of a record of" in told
+    assert "none of the files belongs to a record of" in told
     assert (
-        "the first file belongs to fast_food/train1/0 by reaching. Name the run that the files were rendered from"
-        in told
+        "the first belongs to fast_food/train1/0 by reaching. Give the run from which the files were rendered" in told
     )
     assert "Delete" not in told
 
