@@ -462,15 +462,15 @@ def test_malformed_changes_are_one_clear_line():
         ("preset=openpi_libero&adapter=x.json", "both a preset and an adapter"),
         ("adapter=no_such_file.json", "cannot be read"),
         ("preset=openpi", "Did you mean 'openpi_"),
-        ("preset=native&gripper=open_positive", "whole actions"),
-        ("preset=native&rotation=rpy", "whole actions"),
-        ("preset=native&units=physical", "whole actions"),
-        ("preset=native&frame=tool", "whole actions"),
+        ("preset=native&gripper=open_positive", "complete actions"),
+        ("preset=native&rotation=rpy", "complete actions"),
+        ("preset=native&units=physical", "complete actions"),
+        ("preset=native&frame=tool", "complete actions"),
         ("preset=openpi_droid&rotation=rpy", "rotation has no effect for joint_delta"),
         ("preset=openpi_droid&units=physical", "units has no effect for joint_delta"),
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
-        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid has no position of the end effector"),
-        ("preset=native&ee_offset=1,2,3", "the native layout is in the frame of the robot's base"),
+        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid does not contain the end-effector position"),
+        ("preset=native&ee_offset=1,2,3", "the native layout uses the frame of the robot's base"),
     ]:
         with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
             parse(query)

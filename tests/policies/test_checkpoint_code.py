@@ -62,9 +62,9 @@ def test_a_tokenizer_of_another_repository_is_refused(tmp_path):
     ("text", "problem"),
     [
         ("{", "cannot be read"),
-        ("[]", "no list of steps"),
-        ('{"steps": {}}', "no list of steps"),
-        ('{"steps": [1]}', "no list of steps"),
+        ("[]", "does not contain a list of steps"),
+        ('{"steps": {}}', "does not contain a list of steps"),
+        ('{"steps": [1]}', "does not contain a list of steps"),
         ('{"steps": [], "steps": [{"class": "os.system"}]}', "is given twice"),
         ("[" * 100_000, "nested too deep"),
     ],

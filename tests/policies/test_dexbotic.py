@@ -227,7 +227,7 @@ def test_capabilities_that_are_not_a_map_are_refused(odd):
             HandshakeError,
             r"no POST /v1/infer .*releases .* /process_frame",
         ),
-        ({}, "/process_frame", "preset=openvla", PolicyError, "/process_frame takes the layout of preset dexbotic"),
+        ({}, "/process_frame", "preset=openvla", PolicyError, "/process_frame requires the layout of preset dexbotic"),
     ],
 )
 def test_faults_are_one_clear_line(options, path, query, error, text):
@@ -257,5 +257,5 @@ def test_a_template_is_written_read_and_stored():
     message = adapter.request(seen())
     assert read_layout_request(message, adapter).instruction == "pack the apple"
     for bad in ("", "say it", "{} and {}"):
-        with pytest.raises(InvalidInputError, match=r"template.*Write \{\} into it once"):
+        with pytest.raises(InvalidInputError, match=r"template.*Write \{\} once in the template"):
             InstructionRule(("prompt",), template=bad)

@@ -266,7 +266,7 @@ def test_trials_are_evaluated(tmp_path):
 @pytest.mark.parametrize(
     ("reply", "text"),
     [
-        (b'"error"', "answers 'error', which such servers send for any failure"),
+        (b'"error"', "replies 'error', as these servers do after any failure"),
         (b'{"error": "Request failed"}', "reports an error: Request failed"),
         (b"", "cannot be read"),
         (b"<html>", "cannot be read"),
@@ -276,7 +276,7 @@ def test_trials_are_evaluated(tmp_path):
         (ONE.replace(b"[7]", b"[8]"), "does not take 56 bytes"),
         (ONE.replace(b"[7]", b"[-1]"), "not a list of integers"),
         (ONE.replace(b"AAA", b"A*A"), "cannot be read"),
-        (b'{"__numpy__": 3, "dtype": "<f8", "shape": [1]}', "the data of an array are a int"),
+        (b'{"__numpy__": 3, "dtype": "<f8", "shape": [1]}', "expected array data as a base64 string, got int"),
         (b"[" * 100_000, "cannot be read"),
         (b"[" + b"1" * 400 + b"]", "not an array of real numbers"),
         (b"[" + b"1" * 5000 + b"]", "cannot be read"),

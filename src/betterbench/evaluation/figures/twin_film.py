@@ -114,7 +114,7 @@ def render_strips(
     look: FilmLook = FilmLook(size=160),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial: the initial state with the complete path, and states at equal intervals.
+    """Return one JPEG per trial: the initial state with the complete path, and later states with the path until then.
 
     Raises the errors of :func:`render_paths`.
     """
