@@ -219,10 +219,10 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
             export_dataset(again)
             assert read_v30(again.out)[0]["language_events"] == events
         else:  # of another run, which had the same trial
-            with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
+            with pytest.raises(InvalidInputError, match="contains no questions about frames of these episodes"):
                 export_dataset(again)
     write_set(tmp_path / "others", questions[3:], (), "training")
-    with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
+    with pytest.raises(InvalidInputError, match="contains no questions about frames of these episodes"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path / "others"))
     with pytest.raises(RecordError, match="contains no complete question set"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path))
@@ -232,7 +232,7 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
     ("options", "said"),
     [
         ({"validation": 1.5}, "--validation: 1.5 is out of range"),
-        ({"to": "lerobot-v2.1", "language": True}, "lerobot-v2.1 has no such columns"),
+        ({"to": "lerobot-v2.1", "language": True}, "lerobot-v2.1 does not support language columns"),
         ({"quality": "best"}, "Unknown quality 'best'"),
     ],
 )
