@@ -236,7 +236,7 @@ def test_a_folder_of_somebody_else_is_not_written_to(made, tmp_path, capsys, nam
     (out / page).write_bytes(FOREIGN)
     (out / "mine.txt").write_bytes(FOREIGN)
     text = said(capsys, words)
-    assert f"{out}: the folder holds " in text
+    assert f"{out}: the folder contains " in text
     assert "--overwrite" in text
     assert content(out) == {Path(page): FOREIGN, Path("mine.txt"): FOREIGN}
     assert main([*words, "--overwrite"]) == 0

@@ -80,7 +80,11 @@ def test_a_client_with_another_robot_is_told_both():
 @pytest.mark.parametrize(
     ("name", "layout", "text"),
     [
-        ("so101", "openpi_libero", "answers in 'ee_delta', and the SO-101 follower arm is served in 'so101_degrees'"),
+        (
+            "so101",
+            "openpi_libero",
+            "uses the action space 'ee_delta', but the SO-101 follower arm is served in 'so101_degrees'",
+        ),
         ("so100", None, "Did you mean 'so101'"),
     ],
 )

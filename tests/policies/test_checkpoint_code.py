@@ -51,7 +51,9 @@ def test_a_step_that_is_not_registered_is_refused(tmp_path, step):
 
 def test_a_tokenizer_of_another_repository_is_refused(tmp_path):
     step = {"registry_name": "action_tokenizer_processor", "config": {"action_tokenizer_name": "evil/fast"}}
-    with pytest.raises(InvalidInputError, match=r"action_tokenizer_name in step 1 .*'evil/fast' and not 'physical-int"):
+    with pytest.raises(
+        InvalidInputError, match=r"action_tokenizer_name in step 1 .*'evil/fast' instead of 'physical-int"
+    ):
         require_no_code(CONFIG, files(tmp_path, step), "policy p")
     for name in ("action_tokenizer_name", "action_tokenizer_path", "text_tokenizer_name", "tokenizer_assets_repo"):
         with pytest.raises(InvalidInputError, match=f"its {name} is './here'"):

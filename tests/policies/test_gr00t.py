@@ -588,7 +588,7 @@ def reply(**changes):
         (b"\xc1 garbage", "cannot be read"),
         (msgpack.packb(chunk())[:-20], "cannot be read"),
         ([{"gripper": {"__ndarray_class__": True, "as_npy": b"\x93NUMPY\x01\x00\xff\xff"}}, {}], "cannot be read"),
-        ((b"two", b"frames"), "answered with 2 frames"),
+        ((b"two", b"frames"), "sent 2 frames instead of one"),
     ],
 )
 def test_bad_answers_end_the_trial_with_a_reason_and_the_next_one_is_asked(client, answer, text):

@@ -273,7 +273,7 @@ def test_trials_are_evaluated(tmp_path):
         (b"\xff\xfe\x00", "cannot be read"),
         (ONE[:-20], "cannot be read"),
         (ONE.replace(b"<f8", b"|O"), "not a plain number"),
-        (ONE.replace(b"[7]", b"[8]"), "does not take 56 bytes"),
+        (ONE.replace(b"[7]", b"[8]"), "56 bytes do not match"),
         (ONE.replace(b"[7]", b"[-1]"), "not a list of integers"),
         (ONE.replace(b"AAA", b"A*A"), "cannot be read"),
         (b'{"__numpy__": 3, "dtype": "<f8", "shape": [1]}', "expected array data as a base64 string, got int"),
@@ -378,7 +378,7 @@ def test_chunked_answers_are_read(client):
 
 def test_an_answer_that_is_too_large_is_not_taken(client, monkeypatch):
     monkeypatch.setattr("betterbench.policies.clients.http_act.MAX_BODY_BYTES", 1000)
-    with Server([plain(body=b" " * 2000)]) as server, pytest.raises(PolicyError, match="more than 1000 bytes"):
+    with Server([plain(body=b" " * 2000)]) as server, pytest.raises(PolicyError, match="larger than 1000 bytes"):
         client(server).act(seen())
 
 

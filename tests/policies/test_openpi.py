@@ -393,7 +393,7 @@ def test_a_bare_array_is_continued_too(observation):
 
 
 def test_several_arrays_are_not_continued():
-    with pytest.raises(InvalidInputError, match=r"delay needs one\. Leave it out"):
+    with pytest.raises(InvalidInputError, match=r"delay needs a single action array, .* Leave out delay"):
         make_policy("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
 
 
@@ -449,7 +449,7 @@ def test_the_space_of_a_native_server_is_taken_over():
         policy = make_policy(server.address)
         try:
             assert policy.info.action_space == "joint_delta"
-            with pytest.raises(HandshakeError, match=r"'ee_delta'.*answers in 'joint_delta'"):
+            with pytest.raises(HandshakeError, match=r"'ee_delta'.*returns actions in 'joint_delta'"):
                 policy.reset(START)
         finally:
             policy.close()
@@ -481,7 +481,7 @@ def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
 def test_the_run_is_compared_before_it_starts():
     with Server() as server, client(server) as policy:
         policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
-        with pytest.raises(HandshakeError, match=r"the run says 'ee_pose'.*answers in 'ee_delta'"):
+        with pytest.raises(HandshakeError, match=r"the run says 'ee_pose'.*returns actions in 'ee_delta'"):
             policy.check(space="ee_pose", observation=observation_spec("default"), rate_hz=20.0)
         with pytest.raises(HandshakeError, match=r"needs front, wrist .* the run renders none"):
             policy.check(space="ee_delta", observation=observation_spec("state_only"), rate_hz=20.0)

@@ -82,7 +82,7 @@ def test_the_reference_policies_answer_in_the_usual_space_of_every_robot(policy,
 
 
 def test_random_says_where_it_does_not_walk():
-    with pytest.raises(InvalidInputError, match="random answers in 'ee_delta', the run uses 'ee_pose'"):
+    with pytest.raises(InvalidInputError, match="random returns actions in 'ee_delta', but the run uses 'ee_pose'"):
         check_policy("random", action_space="ee_pose")
 
 

@@ -259,7 +259,7 @@ def test_the_run_is_compared_before_it_starts(client):
             "reports an error: no message",
         ),
         (lambda r: answer({**r, "request_id": array(np.ones(2))}), r"answered request betterbench-1 with '\[1. 1.\]'"),
-        (lambda _: msgpack.packb([1]), "sent a list"),
+        (lambda _: msgpack.packb([1]), "expected a map, got list"),
         (lambda _: b"\xc1", "cannot be read"),
     ],
 )

@@ -284,9 +284,9 @@ def openpi_array(change):
 
 def test_arrays_that_lie_are_refused():
     for change, text in [
-        ({b"shape": [3]}, "does not take 8 bytes"),
-        ({b"shape": [1]}, "does not take 8 bytes"),
-        ({b"shape": [2**32, 2**32]}, "does not take"),
+        ({b"shape": [3]}, "8 bytes do not match"),
+        ({b"shape": [1]}, "8 bytes do not match"),
+        ({b"shape": [2**32, 2**32]}, "do not match"),
         ({b"shape": [-2]}, "not a list of integers"),
         ({b"shape": [2.0]}, "not a list of integers"),
         ({b"shape": [True, 2]}, "not a list of integers"),
@@ -301,7 +301,7 @@ def test_arrays_that_lie_are_refused():
         ({b"dtype": "f4,f4"}, "not a plain number"),
         ({b"dtype": "<f4\n"}, "not a plain number"),
         ({b"dtype": 3}, "not a plain number"),
-        ({b"dtype": "<U0"}, "does not take"),
+        ({b"dtype": "<U0"}, "do not match"),
         ({b"dtype": "<U2", b"data": b"\xff" * 8, b"shape": [1]}, "a string in an array has invalid characters"),
         ({b"data": "text"}, "expected array data as bytes, got str"),
         ({b"data": None}, "expected array data as bytes, got NoneType"),
@@ -407,7 +407,7 @@ def test_frames_that_lie_are_one_clear_line(dialect, frame, text):
 
 def test_a_frame_that_is_too_large_is_not_read(monkeypatch):
     monkeypatch.setattr(wire, "MAX_FRAME_BYTES", 100)
-    with pytest.raises(PolicyError, match="more than 100 bytes"):
+    with pytest.raises(PolicyError, match="larger than 100 bytes"):
         decode_openpi(encode_openpi({"a": b"\x00" * 200}))
 
 

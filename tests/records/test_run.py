@@ -334,9 +334,9 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
-    with pytest.raises(RecordError, match=r"File name too long. Give the folder that `--out` named"):
+    with pytest.raises(RecordError, match=r"File name too long. Give the --out folder of the run"):
         RunFolder.open(tmp_path / ("x" * 300))
-    with pytest.raises(RecordError, match=r"contains no run .*Give the folder that `--out` named"):
+    with pytest.raises(RecordError, match=r"contains no run .*Give the --out folder of a run"):
         RunFolder.open(tmp_path)
 
 
@@ -483,7 +483,7 @@ def test_a_changed_scene_or_that_of_another_hash_is_refused(tmp_path) -> None:
     whole = path.read_bytes()
     for bad in (other.read_bytes(), rewritten(path, model=b"blue mug"), rewritten(path, scene=b"")):
         path.write_bytes(bad)
-        with pytest.raises(RecordError, match="changed after it was written, or is the archive of another scene"):
+        with pytest.raises(RecordError, match="changed after it was written, or belongs to another scene"):
             folder.load_scene(HASH)
     path.write_bytes(whole)
     path.write_bytes(rewritten(path))  # only packed in another way

@@ -140,7 +140,7 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call. Each file is emptied, because its name marks a known scene."""
+        """Return the scenes written since the last call, and empty their files, whose names mark known scenes."""
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):
             if path.stat().st_size:

@@ -166,7 +166,7 @@ class AnswerRule:
                 raise InvalidInputError(
                     f"answer: {part.kind}",
                     f"expected {self._natural(part.kind)} columns, got {part.size}",
-                    "Leave the size out",
+                    "Leave out the size",
                 )
 
     def _check_kinds(self) -> None:
