@@ -175,7 +175,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("diagnose", "no/such/run"), "no run"),
         (("report", "no/such/run"), "no run"),
         (("report",), "runs: no run is given"),
-        (("compare",), "Name at least two"),
+        (("compare",), "Give at least two"),
         (("export",), "runs: no run is given"),
         (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),

@@ -204,11 +204,11 @@ def test_what_is_no_file_of_ours_is_not_written_to(made, tmp_path, capsys, name,
         assert out.is_symlink()
     elif what == "folder":
         out.mkdir()
-        assert "is a folder, not a file" in said(capsys, words)
-        assert "is a folder, not a file" in said(capsys, [*words, "--overwrite"])
+        assert "is a folder, which is never replaced" in said(capsys, words)
+        assert "is a folder, which is never replaced" in said(capsys, [*words, "--overwrite"])
     elif what == "pipe":
         os.mkfifo(out)
-        assert "is a pipe, socket or device, not a file" in said(capsys, [*words, "--overwrite"])
+        assert "is a pipe, socket or device, which is never replaced" in said(capsys, [*words, "--overwrite"])
         assert out.is_fifo()
     else:
         with FileLock(out):

@@ -164,7 +164,7 @@ def test_a_replica_that_hangs_costs_the_trials_that_asked_it_and_is_replaced(plu
     assert "replicas of the policy died and are replaced: 1" in caplog.text
     late = [r.outcome.error for r in run.records() if r.outcome.termination == "policy_error"]
     assert 1 <= len(late) <= 2, "those in the batch that hung"
-    assert set(late) == {"the policy gave no answer within 4 s. Raise --policy-timeout."}
+    assert set(late) == {"the policy did not answer within 4 s. Raise --policy-timeout."}
 
 
 @pytest.mark.usefixtures("two_workers")

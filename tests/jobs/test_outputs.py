@@ -70,7 +70,7 @@ def test_a_file_that_a_killed_process_did_not_list_twice_is_still_ours(tmp_path)
 def test_a_list_that_is_none_makes_no_folder_ours(tmp_path, text):
     (tmp_path / LIST_NAME).write_text(text, encoding="latin-1")
     (tmp_path / "mine.txt").write_bytes(b"mine")
-    with pytest.raises(RunConflictError, match=r"holds mine\.txt"):
+    with pytest.raises(RunConflictError, match=r"contains mine\.txt"):
         OutputFolder(tmp_path, "report").__enter__()
 
 

@@ -318,7 +318,7 @@ def test_threads_do_not_disturb_each_other(diffusion):
 
 
 def test_its_chunks_are_its_own_business(diffusion):
-    with pytest.raises(InvalidInputError, match="Leave horizon out"):
+    with pytest.raises(InvalidInputError, match="Leave out horizon"):
         make_policy(f"lerobot:{diffusion}?horizon=4")
 
 
@@ -355,7 +355,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     ("given", "text"),
     [
         (features(state=14), "its observation.state has 14 numbers"),
-        (features(cameras=("top",)), r"the camera for observation.images.top is not known.*camera.observation"),
+        (features(cameras=("top",)), r"the camera for observation.images.top is unknown.*camera.observation"),
         (features(cameras=("wrist", "hand")), "the camera wrist would be used for each of"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),

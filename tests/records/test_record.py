@@ -169,14 +169,14 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"step": 3}, "state.step: 3 instead of 1"),
+        ({"step": 3}, "state.step: expected 1, got 3"),
         ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), expected \(50,\)"),
         ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
         ({"action": np.zeros(3)}, r"action: has the shape \(3,\), expected \(7,\)"),
         ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), expected \(7,\)"),
-        ({"applied": None}, "action: given or missing in row 1"),
+        ({"applied": None}, "action: wrongly given or missing in row 1"),
         ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
-        ({"other_scene": True}, "state.info: is not the scene"),
+        ({"other_scene": True}, "state.info: differs from the scene"),
     ],
 )
 def test_a_row_that_does_not_fit_is_refused(make_metadata, make_state, changes, message) -> None:
@@ -205,7 +205,7 @@ def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state
         builder.append_state(state, **arrays, **given)
         at_once.append(state, **arrays, **given, **truth)
     builder.append_truth(**truths[0])
-    with pytest.raises(InvalidInputError, match="predicates, subgoals: given for 1 of 2 rows"):
+    with pytest.raises(InvalidInputError, match="predicates, subgoals: only 1 of 2 rows have"):
         builder.finish(termination="step_limit", success=False)
     with pytest.raises(InvalidInputError, match="Give 2 predicates and 2 subgoals"):
         builder.append_truth(predicates=(True,), subgoals=(), goal=False)
@@ -324,7 +324,7 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f["outcome"].update(success="yes"), r"outcome\.success: Input should be a valid boolean"),
         (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
         (lambda f: f["bodies"].clear(), "a contact refers to a body that is not listed"),
-        (lambda f: f["widths"].update(nq=51), "its columns qpos do not match its metadata"),
+        (lambda f: f["widths"].update(nq=51), "its columns \\(qpos\\) do not match its metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
         (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but the metadata lists 3"),
         (lambda f: f.update(metadata=[1]), r"metadata: metadata: is not a JSON object"),
@@ -347,7 +347,7 @@ def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     write_record(make_record(rows=3)[0], path)
     table = pq.read_table(path)
     reseal(table.drop_columns(["goal"]), path)
-    with pytest.raises(RecordError, match="its columns goal do not match its metadata"):
+    with pytest.raises(RecordError, match="its columns \\(goal\\) do not match its metadata"):
         read_record(path)
     reseal(table.slice(0, 0), path)
     with pytest.raises(RecordError, match="has no rows"):

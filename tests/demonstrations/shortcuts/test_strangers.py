@@ -213,7 +213,7 @@ def info_of(path, **changes):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 numbers of action have the name of a gripper"),
+        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action are named like a gripper"),
         (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "grippers with and without an arm"),
         (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 numbers are called x"),
         (

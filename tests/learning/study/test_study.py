@@ -540,7 +540,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
                     }
                 ]
             },
-            "lever x.*frozen.*nothing is left to train",
+            "lever x.*frozen.*all parts are frozen",
         ),
         (
             {

@@ -213,7 +213,7 @@ WRONG = {
     "unused": (LAST, "        return pooled\n", "no action depends on its weights last.0.weight"),
     "no summary": ("def summary", "def sumary", "mine.py: NotImplementedError: DeepSets must implement summary"),
     "no build": ("def build", "def bild", "mine.py: NotImplementedError: DeepSets must implement build"),
-    "no network": ("(LearnerNetwork)", "", "TypeError|it makes a DeepSets"),
+    "no network": ("(LearnerNetwork)", "", "TypeError|got DeepSets"),
     "twice": (
         "DeepSets(",
         "DeepSets(LearnerNetwork): pass\n\n@learner('deep_sets', sees='objects')\nclass Again(",
