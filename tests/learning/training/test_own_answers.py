@@ -170,7 +170,7 @@ def test_another_learner_than_that_which_played_is_refused(run, diagnosis, tmp_p
         return ask_about_run(other, run, diagnosis, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"))
 
     stranger = Learner.load(_written(tmp_path / "a", seed=7))
-    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Name the checkpoint of the run"):
+    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Give the checkpoint of the run"):
         ask(stranger)
     with pytest.raises(InvalidInputError, match=r"trained without questions.*co_training"):
         ask(Learner.load(_written(tmp_path / "b", answers=())))
