@@ -112,7 +112,7 @@ def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos
         read_set(copy).require_about(run)
     for wrong in ([], {key: 1}):
         (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": wrong})))
-        with pytest.raises(RecordError, match="not hashes by trial"):
+        with pytest.raises(RecordError, match="not a mapping from trials to hashes"):
             read_set(copy)
     (copy / "set.json").unlink()  # as sets of older versions, which do not say
     read_set(copy).require_about(run)
@@ -202,7 +202,7 @@ def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
 def test_seeds_of_demonstrations_and_of_trials_do_not_mix():
     trials = [TrialId("fast_food", "train1", seed) for seed in (3, 1_000_000)]
     assert [purpose_of([t]) for t in trials] == ["test", "training"]
-    with pytest.raises(InvalidInputError, match="seeds of demonstrations and of evaluation"):
+    with pytest.raises(InvalidInputError, match="both demonstration seeds and evaluation seeds"):
         purpose_of(trials)
 
 

@@ -280,7 +280,7 @@ def test_the_command_evaluates_a_learner_and_its_answers_are_set_against_its_dee
 
 def test_a_set_about_other_records_is_refused(learner, run, moments):
     other = replace(moments, records=dict.fromkeys(moments.records, "0" * 64))
-    with pytest.raises(InvalidInputError, match="was made from another record"):
+    with pytest.raises(InvalidInputError, match="is not the record from which"):
         LearnerModel("mine", learner, other, run)
     q = moments.questions[0]
     stranger = replace(q, source=replace(q.source, seed=999))

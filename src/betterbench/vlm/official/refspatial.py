@@ -166,7 +166,7 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Score like lmms-eval: all pairs, even of integers, are fractions, boxes are ignored, and faint masks are empty."""
+    """Score like lmms-eval: all pairs, even of integers, are fractions; boxes are ignored; faint masks are empty."""
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)
     shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]
