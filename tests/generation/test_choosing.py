@@ -110,7 +110,7 @@ def test_a_number_asks_for_several():
         ("  ", "has 0 characters"),
         (
             "Pack the apple, the lemon, the orange, the burger and the fries into the box",
-            "names 5 objects for the group 'items'.*at most 4",
+            "has 5 objects for the group 'items'.*at most 4",
         ),
     ],
 )

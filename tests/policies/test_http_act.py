@@ -378,7 +378,7 @@ def test_chunked_answers_are_read(client):
 
 def test_an_answer_that_is_too_large_is_not_taken(client, monkeypatch):
     monkeypatch.setattr("betterbench.policies.clients.http_act.MAX_BODY_BYTES", 1000)
-    with Server([plain(body=b" " * 2000)]) as server, pytest.raises(PolicyError, match="larger than 1000 bytes"):
+    with Server([plain(body=b" " * 2000)]) as server, pytest.raises(PolicyError, match="more than 1000 bytes"):
         client(server).act(seen())
 
 

@@ -67,7 +67,7 @@ def test_a_target_region_is_read_as_pixels(tmp_path):
 
 BAD = {
     "answer": (7, "column answer: expected a letter from A to D or an index from 0, got 7"),
-    "answer_options": (["a", 2], "column answer_options: expected a list of texts"),
+    "answer_options": (["a", 2], "column answer_options: expected a list of strings"),
     "question": ("", "column question: expected a string, got ''"),
     "image": ("not base64 !!!", "column image: is not base64"),
 }

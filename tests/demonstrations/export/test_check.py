@@ -486,9 +486,9 @@ STRANGE = {
     "a circle": (hdf5(lambda f: f["data"].__setitem__("demo_2", f["data"])), "is another name of an earlier object"),
     "a file of the user": (
         hdf5(lambda f: f.create_dataset("data/x", (4,), "u1", external=[("secret", 0, 4)])),
-        "data/x is in another file",
+        "data/x is stored in another file",
     ),
-    "an array of views": (hdf5(with_virtual), "actions is in another file"),
+    "an array of views": (hdf5(with_virtual), "actions is stored in another file"),
     "a terabyte": (
         hdf5(lambda f: f.create_dataset("data/x", (10**12,), "u1", chunks=(1 << 20,), compression="gzip")),
         "data/x claims 1000000000000 bytes",
