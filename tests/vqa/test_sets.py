@@ -108,7 +108,7 @@ def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos
         with pytest.raises(RunConflictError, match=said):
             make_set(run, copy, OPTIONS, open_photos=photos)
     (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": {key: "0" * 64}})))
-    with pytest.raises(InvalidInputError, match=f"another record of {key} than the record in .*from this run"):
+    with pytest.raises(InvalidInputError, match=f"record of {key} in .* is not the record from .*from this run"):
         read_set(copy).require_about(run)
     for wrong in ([], {key: 1}):
         (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": wrong})))
