@@ -1,7 +1,7 @@
-"""Draw the packages of the code and the ways through them, and write docs/architecture.md.
+"""Draw the imports between packages and the calls of typical commands, and write docs/architecture.md.
 
-The imports are read from the source. The paths are not drawn by hand: a trial is run, diagnosed and queried and a
-demonstration is given, and every first call from one package into another is noted.
+The imports are read from the source. The calls are traced: the script runs a trial, diagnoses it, asks questions about
+it and records a demonstration, and notes the first call from each package into another.
 
 Example:
     MUJOCO_GL=egl python tools/architecture_page.py
@@ -32,18 +32,18 @@ INK, SOFT, RULE, FILL, ACCENT, UPWARD = "#1c1e21", "#5c6066", "#dedad2", "#e9f0f
 COMMON = frozenset(
     {"errors", "geometry", "installation", "interface", "json_form", "lazy_names", "quoting", "statistics"}
 )
-"""What everything uses: plain values and small modules. Calls into them say nothing about a way."""
+"""Small modules that every package uses; calls into them are not shown."""
 
 
 @dataclass(frozen=True)
 class Call:
-    """First call from one package into a module of another.
+    """First call from one package into a module of another package.
 
     Attributes:
-        caller: Package that calls.
-        callee: Package that is called.
-        module: Module that is called, below its package; "" for the package itself.
-        name: Function, or class and method, that is called.
+        caller: Calling package.
+        callee: Called package.
+        module: Called module, relative to its package; "" for the package itself.
+        name: Called function, or class and method.
         purpose: First line of its docstring, or "".
     """
 
@@ -56,10 +56,10 @@ class Call:
 
 @dataclass
 class Tracer:
-    """Notes first calls between packages below a folder while it is the profile function of a thread.
+    """Profile function of a thread (:func:`sys.setprofile`) that records first calls between packages below a folder.
 
-    Calls while a module is imported are left out, and so are nested functions and methods that the language calls.
-    A call is first per caller's package and per callee's package and sub-package.
+    Calls during an import, private and nested functions and special methods other than ``__init__`` are left out. A
+    call is recorded if it is the first from the caller's package into the callee's subpackage.
     """
 
     home: Path = HOME
@@ -67,7 +67,7 @@ class Tracer:
     _modules: dict[CodeType, tuple[str, ...]] = field(default_factory=dict)
 
     def __call__(self, frame: FrameType, event: str, _argument: object) -> None:
-        """Look at one event of the interpreter."""
+        """Handle an event of the interpreter."""
         code = frame.f_code
         names = code.co_qualname.split(".")
         if event != "call" or any(part.startswith(("_", "<")) and part != "__init__" for part in names):
@@ -86,7 +86,7 @@ class Tracer:
         self.calls.setdefault((caller, *callee[:2]) if len(callee) > 2 else (caller, callee[0]), call)
 
     def _module(self, code: CodeType) -> tuple[str, ...]:
-        """Return the parts of the module that code stands in, below the root package; () if it is not there."""
+        """Return the parts of the name of the module that contains some code, below the root package; () outside it."""
         known = self._modules.get(code)
         if known is None:
             path = Path(code.co_filename)
@@ -124,12 +124,12 @@ def traced(*arguments: str) -> list[Call]:
 
 @dataclass(frozen=True)
 class Way:
-    """What a command calls on its way.
+    """Calls between packages during a command.
 
     Attributes:
-        slug: Part of the name of its picture.
+        slug: Part of the picture's file name.
         title: Heading of its section.
-        command: The command as a person would type it.
+        command: The command line for the page.
         calls: First calls between packages.
     """
 
@@ -140,7 +140,7 @@ class Way:
 
 
 def ways(folder: Path) -> Iterator[Way]:
-    """Yield the paths that the page shows; the commands' output goes into a folder."""
+    """Run the commands that the page shows, with their output in a folder, and yield their calls."""
     run, shown, asked = (str(folder / name) for name in ("run", "shown", "asked"))
     one = ("--tasks", "fast_food", "--workers", "1")
     yield Way(
@@ -168,7 +168,7 @@ def ways(folder: Path) -> Iterator[Way]:
 
 
 def draw_imports(packages: Sequence[Package], layers: Sequence[Sequence[str]], out: Path) -> None:
-    """Draw which package imports which, from the top layer down; the dot size is the number of modules."""
+    """Draw the matrix of imports between packages, top layer first; the dot size shows the number of modules."""
     names = [p.name for p in packages]
     modules = Counter((f.package, target) for f in read_files(ROOT) for target in imported(f) if target != f.package)
     figure = Figure(figsize=(9.2, 7.4), layout="constrained")
@@ -199,7 +199,7 @@ def draw_imports(packages: Sequence[Package], layers: Sequence[Sequence[str]], o
 
 
 def draw_way(calls: Sequence[Call], order: Sequence[str], out: Path) -> None:
-    """Draw calls from above to below, one column a package in an order, each arrow from the caller to what it calls."""
+    """Draw calls from top to bottom as arrows from caller to callee, with one column per package in the given order."""
     used = [name for name in order if any(name in (c.caller, c.callee) for c in calls)]
     column = {name: i for i, name in enumerate(used)}
     figure = Figure(figsize=(0.78 * len(used) + 1.0, 0.3 * len(calls) + 0.9), layout="constrained")
@@ -265,7 +265,7 @@ def _picture(way: Way) -> str:
 
 
 def main() -> None:
-    """Write the page and its pictures below the folder that the command line names."""
+    """Write the page and its pictures below the folder given by ``--out``."""
     parser = argparse.ArgumentParser(description="Draw the packages and the ways through them.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the documentation")
     out = parser.parse_args().out

@@ -1,4 +1,4 @@
-"""Write the documentation pages of the packaged calibrations: confusion matrices as pictures, and every wrong label."""
+"""Write the documentation pages about the packaged calibrations: confusion matrices as pictures, and wrong labels."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ for these trials; the numbers below estimate the accuracy on other policies.
 
 """,
 }
-"""Text on a part before its numbers."""
+"""Text shown before the numbers of a part."""
 
 SECTIONS: dict[str, str] = {
     "sixth": "The independent family, sixth",
@@ -240,7 +240,7 @@ def _section(found: Calibration, family: str, out: Path) -> str:
 
 
 def _mistakes(found: Calibration, family: str, out: Path) -> str:
-    """Return the wrong labels of a family, each with its film strip where there is one."""
+    """Return the wrong labels of a family, each with its film strip if there is one."""
     lines = []
     for number, j in enumerate(found.wrong):
         lines.append(f"**{j.trial}**, `{j.policy}`: true label {label_name(j.truth)}, diagnosed {label_name(j.label)}.")
@@ -251,7 +251,7 @@ def _mistakes(found: Calibration, family: str, out: Path) -> str:
 
 
 def strip_of(out: Path, family: str, number: int) -> Path:
-    """Return where the film strip of a wrong label is."""
+    """Return the path of the film strip of a wrong label."""
     return out / "pictures" / "mistakes" / f"{family}_{number}.jpg"
 
 

@@ -1,4 +1,4 @@
-"""Carry the packaged calibration over to the new version of a task whose trials have not changed.
+"""Update the task version in the packaged calibration, for a task whose trials have not changed.
 
     better calibrate --tasks fast_food --out BEFORE      # with the old version of the task
     better calibrate --tasks fast_food --out AFTER       # with the new version
@@ -8,8 +8,8 @@ If only a rule of the goal has changed, and neither scene nor instruction, AFTER
 of every record of BEFORE are judged again with the new rules, and all verdicts must be the recorded ones.
 
 A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
-holds the same bytes under both versions, all labels stay the same, and only the versions in the file have to change. If
-a record differs, the whole calibration has to be measured again.
+contains the same bytes under both versions, all labels stay the same, and only the versions in the file have to change.
+If a record differs, the whole calibration has to be measured again.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def call(command: Sequence[str | Path], *, env: Mapping[str, str], cwd: Path = R
 
 
 def build(uv: Path, out: Path, env: Mapping[str, str], source: Path) -> Path:
-    """Build the wheel of a project with the locked back end, and return it; its older wheels in the folder go."""
+    """Build a project's wheel with the locked back end and return its path; older wheels in the folder are deleted."""
     locked: list[str | Path] = ["--build-constraints", LOCKS / "bootstrap.lock", "--require-hashes"]
     with tempfile.TemporaryDirectory(prefix="betterbench-wheel-") as folder:
         call([uv, "build", "--quiet", "--wheel", "--out-dir", folder, *locked, source], env=env)
@@ -109,7 +109,7 @@ def try_out(uv: Path, wheel: Path, env: Mapping[str, str], *, trials: int) -> No
 
 
 def main() -> int:
-    """Return the exit status: 0, or 1 where the wheel does not work."""
+    """Build and check the wheels; return 0, or 1 if one does not work."""
     parser = argparse.ArgumentParser(description="Build the wheel and try it in a clean environment.")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of the wheel")
     parser.add_argument("--trials", type=int, default=1, help="trials per variation of the demo; 0 to leave it out")

@@ -1,4 +1,4 @@
-"""Write where the preferred grasps of the library close the gripper; with --check, compare with the packaged file.
+"""Write the closing points of the library's preferred grasps; with --check, compare them with the packaged file.
 
 Usage: .venv/bin/python tools/closing_points.py [--check]
 """
@@ -16,7 +16,7 @@ from betterbench.tasks.judging.picked_slots import FORM, PACKAGED
 
 
 def points_of(category: str) -> list[tuple[float, float, float]]:
-    """Return x and y of a category's closing points in the object's frame, and how far looks vary [mm].
+    """Return x and y of a category's closing points in the object's frame, and their variation over the looks [mm].
 
     A category with several equally preferred grasps, such as a plate's rim, has one point for each.
     """

@@ -222,7 +222,7 @@ def _depth(node: ast.AST) -> int:
 
 
 def _is_elif(otherwise: Sequence[ast.stmt]) -> bool:
-    """Tell whether an ``else`` contains exactly one ``if``.
+    """Return whether an ``else`` contains exactly one ``if``.
 
     The syntax tree does not distinguish this from an ``elif``.
     """
@@ -230,7 +230,7 @@ def _is_elif(otherwise: Sequence[ast.stmt]) -> bool:
 
 
 def is_data(function: FunctionNode) -> bool:
-    """Tell whether a function is pure data, by the rule at the top of this file."""
+    """Return whether a function is pure data, by the rule at the top of this file."""
     body = [statement for statement in function.body if not _is_docstring(statement)]
     if len(body) != 1 or not isinstance(body[0], ast.Return | ast.Assign | ast.AnnAssign):
         return False
@@ -290,7 +290,7 @@ def read_layers(root: Path) -> list[list[str]]:
     for contract in settings.get("tool", {}).get("importlinter", {}).get("contracts", []):
         if contract["type"] == "layers":
             return [re.findall(r"\w+", line) for line in contract["layers"]]
-    raise ValueError(f"{root / 'pyproject.toml'} holds no import contract of type layers")
+    raise ValueError(f"{root / 'pyproject.toml'} contains no import contract of type layers")
 
 
 def packages_of(files: Sequence[SourceFile], layers: Sequence[Sequence[str]]) -> tuple[Package, ...]:
@@ -315,7 +315,7 @@ def _package(name: str, names: Sequence[str], files: Sequence[SourceFile], level
 
 
 def _is_upward(name: str, target: str, level: dict[str, int]) -> bool:
-    """Tell whether the layers forbid an import.
+    """Return whether the layers forbid an import.
 
     A package that is not in any layer may neither import nor be imported.
     """

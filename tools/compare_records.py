@@ -110,13 +110,13 @@ def column_bytes(table: pa.Table, name: str) -> bytes:
 
 
 def metadata(table: pa.Table, renames: Sequence[tuple[str, ...]]) -> dict[str, Any]:
-    """Return a record's metadata, flat: one entry per path of keys."""
+    """Return a record's metadata as a flat dictionary by path of keys."""
     text = (table.schema.metadata or {}).get(METADATA_KEY, b"{}").decode()
     return dict(flat(json.loads(renamed(text, renames)), ""))
 
 
 def renamed(text: str, renames: Sequence[tuple[str, ...]]) -> str:
-    """Return a text with words replaced."""
+    """Return a string with words replaced."""
     for old, new in renames:
         text = text.replace(old, new)
     return text

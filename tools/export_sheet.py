@@ -1,4 +1,4 @@
-"""Draw an episode of an exported data set (LeRobot v3.0) as a sheet: what a policy is trained on.
+"""Draw a contact sheet of an episode in an exported data set (LeRobot v3.0), which shows a policy's training data.
 
 Example:
     python tools/export_sheet.py sets/demos --episode 0 --out docs/pictures/export.jpg
@@ -21,7 +21,7 @@ from PIL import Image, ImageDraw, ImageFont
 from betterbench.demonstrations.export.video import read_pictures
 
 SIDE, GAP, HEADING, COLUMNS = 160, 6, 34, 6
-"""Size of a picture, space between them, height of the texts [pixel], and pictures per row."""
+"""Side of an image, space between images and height of the text [pixel], and number of images per row."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,6 +1,6 @@
-"""The paper's findings as films: the same trial played by learners from two arms of a study, one below the other.
+"""Draw film strips that show the paper's findings: the same trial played by learners from two arms of a study.
 
-Names the study, the picture to be written, and trials::
+The arguments are the study, the output picture and the trials::
 
     python tools/finding_films.py STUDY PICTURE morning_coffee/L3/0 fruit_lunch/R1/0
 

@@ -1,4 +1,4 @@
-"""The documentation page about what the cameras show, with each task's figures and a picture of the rooms."""
+"""Write the documentation page about camera views, with measurements for each task and a picture of the rooms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SEEDS = range(40)
 PICTURE_TASK_SIZE = 192
 PICTURE_BYTES = 90_000
 FIRST_EDITION = "first_edition.jpg"
-"""The ten tasks as the first edition showed them, in the order of the suite: drawn at commit 00038ed, seed 0."""
+"""Pictures of the ten tasks in the suite's first edition, in suite order, rendered at commit 00038ed with seed 0."""
 EDITIONS_BYTES = 200_000
 HEADINGS = (
     "task",
@@ -146,7 +146,7 @@ def _worst(task: Task) -> tuple[str, ...]:
 
 
 def editions_picture(tasks: Sequence[Task], before: Image.Image) -> Image.Image:
-    """Return the tasks as a strip of square pictures shows them, and under each what is seen today, five in a row."""
+    """Return square pictures of the tasks in the first edition, with the current view below each, five per row."""
     side = before.height
     then = [before.crop((side * i, 0, side * (i + 1), side)) for i in range(before.width // side)]
     now = [

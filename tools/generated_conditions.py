@@ -3,10 +3,10 @@
     .venv/bin/python tools/generated_conditions.py --seed 11 --num 10 --out runs/conditions
     .venv/bin/python tools/generated_conditions.py --suite built/generated-3f2a91c0d4e5 --trials 3 --out runs/suite
 
-The first command writes NUM scenarios of each template by the offline author and makes a task of each by its pattern,
-before any certificate. Conditions with a pre-placed object are left out, because their start is drawn from measured
-demonstrations; they are counted. The second command measures all conditions of a certified suite, with its balanced
-conditions. Each task's result is one file in ``tasks/``, and the same command continues after an interruption.
+The first command generates NUM scenarios per template with the offline author and builds an uncertified task from each.
+Conditions with a pre-placed object are left out, because their start is drawn from measured demonstrations; they are
+counted. The second command measures all conditions of a certified suite, with its balanced conditions. Each task's
+result is one file in ``tasks/``, and the same command continues after an interruption.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ def measure_item(catalogue: str, item: Item) -> Result:
 
 @dataclass(frozen=True)
 class Check:
-    """One requirement on the start of a trial, with the value that decides."""
+    """Requirement on the initial state of a trial, with the measured value."""
 
     name: str
     unit: str
@@ -360,7 +360,7 @@ def failures(results: Sequence[Result]) -> Iterator[str]:
 
 
 def planned(arguments: argparse.Namespace) -> list[Item]:
-    """Return the items of the command, one of each template in turn."""
+    """Return the items to measure, with the templates taking turns."""
     if arguments.suite:
         return [
             Item(name, get_task(name).template.name, arguments.trials, arguments.balanced, suite=str(suite))

@@ -1,4 +1,4 @@
-"""Compare the signals of joint states alone with what the simulator knows of the same trials.
+"""Compare signals derived from joint states alone with the simulator state of the same trials.
 
 The joint states, openings and commands of a simulated run of the SO-101 are read as if a real arm had recorded them,
 optionally with the noise of its encoders, at another rate or in the other unit, and without the load of the motors. The
@@ -81,13 +81,13 @@ Spans = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the simulator knows of one trial.
+    """Ground truth about one trial, from the simulator state.
 
     Attributes:
         held: Times at which an object is held.
         touched: Times at which a finger touches any object.
-        empty: Times of closings to less than the width of any object that touch nothing.
-        rests: Whether tool and fingers keep their place at the end (:data:`RESTS`).
+        empty: Times at which the gripper closes to less than the width of any object without touching one.
+        rests: Whether tool and fingers are at rest at the end (:data:`RESTS`).
         to_and_fro: Whether the simulated diagnosis finds motion back and forth until the end.
     """
 
@@ -99,7 +99,7 @@ class Truth:
 
 
 def truth_of(record: Record) -> Truth:
-    """Return what the simulator knows."""
+    """Return the ground truth about a recorded trial."""
     things, fingers = {o.name for o in record.metadata.scene.objects}, {"left_finger", "right_finger"}
     touched = np.array(
         [
@@ -124,14 +124,14 @@ def truth_of(record: Record) -> Truth:
 
 
 def _stays(record: Record, seconds: float, within_m: float) -> bool:
-    """Return whether tool and fingers keep their place for a time at the end."""
+    """Return whether tool and fingers stay within a distance [m] during the last seconds."""
     last = record.time >= record.time[-1] - seconds
     away = np.linalg.norm(record.ee_position[last] - record.ee_position[-1], axis=1)
     return bool(record.time[-1] >= seconds and away.max() < within_m and np.ptp(record.finger_width[last]) < 0.001)
 
 
 def _overlaps(closing: Closing, spans: Spans) -> bool:
-    """Return whether a span touches the time from the closing to a second later, or to the opening."""
+    """Return whether a span overlaps the time from the closing until one second after it, or until the opening."""
     end = min(closing.let_go_s or np.inf, closing.end_s + 1.0)
     return any(a <= end and b >= closing.start_s for a, b in spans)
 
@@ -168,7 +168,7 @@ def compare(signals: JointSignals, truth: Truth) -> Iterator[tuple[str, bool]]:
 
 
 def judge_of(record: Record, trial: TrialDiagnosis) -> str:
-    """Return what a judge with perfect eyes would enter, by the definitions and in the order of the outcomes."""
+    """Return the outcome that a judge with full knowledge of the trial would enter, by the documented definitions."""
     metadata = record.metadata
     condition = resolve_condition(metadata.task, metadata.variation or metadata.condition).condition
     asked = {n for goal in condition.instruction.subgoals for n in condition.resolve(goal.reference)}
@@ -207,7 +207,7 @@ def labels_of(folder: Path, *, noise: int) -> Iterator[tuple[str, str, str, str]
 
 
 def main() -> None:
-    """Print how often signals and truth agree."""
+    """Print how often signals and ground truth agree."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", type=Path, nargs="+")
     parser.add_argument("--noise", action="store_true", help="noise of one encoder step")

@@ -3,7 +3,7 @@
 The first command draws trials by seed from the runs of studies and from single runs, the given number from each run,
 with a given number of failures. For every trial it writes a numbered strip of frames (``NNN.png``) and a text
 (``NNN.txt``) with the instruction, the objects at the start and the training conditions. Neither shows a label, a
-contact or the outcome. The file ``drawn.json``, which a judge must not read, says which trials these are. Judges write
+contact or the outcome. The file ``drawn.json``, which a judge must not read, lists the trials. Judges write
 a table with the columns ``id``, ``label``, ``kind``, ``sure`` and ``remark``. The second command compares two such
 tables with each other and with the diagnosis::
 
@@ -55,7 +55,7 @@ class Drawn:
 
 
 def moments(record: Record, count: int) -> list[int]:
-    """Return the rows to be shown: the start, the end, the ends of finger motions, and rows between."""
+    """Return the rows to show: the start, the end, the ends of finger motions, and rows in between."""
     last, rate = len(record) - 1, record.metadata.control_rate_hz
     turns = _finger_turns(record, rate)
     if len(turns) > count // 2:

@@ -1,7 +1,7 @@
-"""Scenes near the borders of goals and harm, judged by people who have not seen the program's verdicts.
+"""Scenes near the decision boundaries of goals and harm, judged by people who have not seen the program's verdicts.
 
-The first command poses scenes and writes one picture, instruction and question for each. The verdicts of the program
-go to another folder, which the judges must not see::
+The first command arranges scenes and writes a picture, an instruction and a question for each. The verdicts of the
+program go to another folder, which the judges must not see::
 
     python tools/judged_scenes.py draw OUT --count 60 --seed 1
 
@@ -92,10 +92,10 @@ class Pose:
 
     Attributes:
         thing: Object name.
-        place: Place, as in ``tests/tasks/arranging.py``.
+        place: Name of the place, as in ``tests/tasks/arranging.py``.
         good: Numbers at the accepted end of the line [mm, degrees].
-        bad: Numbers at the other end; numbers that are not named stay the same.
-        flags: Further words, such as "flip".
+        bad: Numbers at the other end; numbers that are not listed stay the same.
+        flags: Further keywords, such as "flip".
     """
 
     thing: str

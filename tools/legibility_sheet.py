@@ -1,8 +1,8 @@
-"""A blind test of whether objects are recognizable: crops of scenes without names, and scoring of the answers.
+"""Blind test of whether objects are recognizable: draws crops of scenes without names, and scores the answers.
 
 The first command draws numbered crops as the front camera sees them, on sheets of 25. A person who knows neither the
-list of categories nor this file writes what each marked object is, ``{"1": "red mug", "2": "fork", ...}``. The second
-command compares the answers and writes the page of the documentation::
+list of categories nor this file writes the name of each marked object, ``{"1": "red mug", "2": "fork", ...}``. The
+second command compares the answers and writes the page of the documentation::
 
     MUJOCO_GL=egl python tools/legibility_sheet.py draw SHEETS
     MUJOCO_GL=egl python tools/legibility_sheet.py judge ANSWERS.json MORE.json --out docs
@@ -125,8 +125,7 @@ REFUSED: dict[str, str] = {
     "upper_drawer": "lower|bottom",
     "waste_bin": "plant|flower|pot|planter|soda|coke|crushed",
 }
-"""Words that an answer must not contain, by category or by category and color: objects for which it must not be
-mistaken.
+"""Words that an answer must not contain, by category or by category and color: names of similar objects.
 """
 
 REQUIRED_TOO: dict[str, str] = {
@@ -135,7 +134,7 @@ REQUIRED_TOO: dict[str, str] = {
     "round_block": "wood|wooden|toy|block|blocks",
     "stapler_block": "wood|wooden|toy|block|brick",
 }
-"""Further words of which an answer must contain one, where the instruction depends on it."""
+"""Words of which an answer must also contain one, if instructions depend on the distinction."""
 
 COLORS = (
     "red|blue|green|yellow|white|black|gray|grey|silver|orange|brown|tan|beige|purple|pink|navy|teal|golden|cyan|maroon"
@@ -247,7 +246,7 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 
 
 def is_right(answer: str, category: str, color: str) -> bool:
-    """Tell whether a free answer names an object: by an accepted word, no rejected word, and its color if any.
+    """Return whether a free-form answer is right: it has an accepted word, no rejected word, and no wrong color.
 
     If several colors are given ("blue and white"), one must be the object's own color. Words after a comma, "with",
     "on" or "in" are about a part ("jam jar, white lid") and are not judged, unless they are only a color ("mug, blue").

@@ -30,7 +30,7 @@ LOOKS = 3  # looks of a category that are shown in its default color
 
 
 def scene(assets: Sequence[Asset]) -> mujoco.MjModel:
-    """Return one model with all assets in a row; nothing in it collides or moves."""
+    """Return one static model with all assets in a row and without collisions."""
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [0.32, 0.32, 0.32]
     spec.visual.headlight.diffuse = [0.30, 0.30, 0.30]

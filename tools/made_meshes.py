@@ -1,4 +1,4 @@
-"""Good meshes of common objects, with random measures, for ``planted_assets.py``."""
+"""Generators of good meshes of common objects with random dimensions, for ``planted_assets.py``."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ SHAPES: dict[str, Callable[[Rng], trimesh.Trimesh]] = {
     "orange": _ball,
     "spoon": _spoon,
 }
-"""Kinds that this script makes, with their generators [m], standing on z = 0."""
+"""Generators by kind; the meshes are in meters and stand on z = 0."""
 
 LIBRARY = {
     "apple": "apple",

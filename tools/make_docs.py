@@ -1,4 +1,4 @@
-"""Make the generated part of the documentation: task and template pages with pictures, and the asset library."""
+"""Generate documentation: the pages about tasks and templates with pictures, and the page about the asset library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHEET_BYTES = 900_000
 
 
 def main() -> None:
-    """Write everything below the folder that the command line names."""
+    """Write all pages and pictures below the folder given by ``--out``."""
     parser = argparse.ArgumentParser(description="Make the generated part of the documentation.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the documentation")
     parser.add_argument("--seed", type=int, default=0, help="seed of the pictures")

@@ -1,4 +1,4 @@
-"""Build the documentation as a site, and check that every link, anchor and public name of it exists.
+"""Build the documentation site, and check that links, anchors and documented public names exist.
 
 Examples:
     python tools/make_site.py                    into site/
@@ -21,7 +21,7 @@ from urllib.parse import unquote, urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
 _LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "video": "src"}
-"""Attribute of each element that a browser fetches by itself."""
+"""Attribute with the address, by HTML element that a browser loads automatically."""
 
 
 @dataclass(slots=True)
@@ -30,7 +30,7 @@ class Page(HTMLParser):
 
     Attributes:
         anchors: Its ids.
-        links: Targets of its links, as they are written.
+        links: Targets of its links, as written.
         loaded: Targets that a browser fetches with the page.
     """
 
@@ -61,7 +61,7 @@ def write_index_script(site: Path) -> None:
 
 
 def read_pages(site: Path) -> dict[Path, Page]:
-    """Return every page of a site by its place."""
+    """Return all pages of a site by path."""
     pages = {}
     for path in sorted(site.rglob("*.html")):
         page = Page()
@@ -73,7 +73,7 @@ def read_pages(site: Path) -> dict[Path, Page]:
 def link_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
     """Yield a sentence for every broken link, and for everything that is loaded from another host."""
     for path, page in pages.items():
-        if path.name == "404.html":  # its links begin with the address of the site
+        if path.name == "404.html":  # links of this page are absolute
             continue
         where = path.relative_to(site)
         for target in (*page.links, *page.loaded):
@@ -130,7 +130,7 @@ def name_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
 
 
 def main() -> int:
-    """Build and check; return 0, or 1 where something is wrong."""
+    """Build and check the site; return 0, or 1 if there is a problem."""
     parser = argparse.ArgumentParser(description="Build the documentation as a site, and check it.")
     parser.add_argument("--out", type=Path, default=ROOT / "site", help="folder of the site")
     site: Path = parser.parse_args().out.resolve()

@@ -28,7 +28,7 @@ SIDE_PX, PAD_PX, HEAD_PX = 330, 6, 20
 
 
 def main() -> None:
-    """Draw the sheet that the command line requests."""
+    """Draw the contact sheet."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n", maxsplit=1)[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--trial", action="append", required=True, help="TASK/CONDITION/SEED; repeatable")

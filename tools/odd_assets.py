@@ -75,7 +75,7 @@ def _item(number: int, name: str, mesh: trimesh.Trimesh, rng: Rng, out: Path) ->
     if suffix == ".stl":
         wishes["up"] = up  # this format does not define the up axis
     if kind_of(name) is None:
-        wishes["size_m"] = size  # a user gives the size of an object whose kind is not known
+        wishes["size_m"] = size  # users must give the size of an object of unknown kind
     seed = int(rng.integers(2**31))
     file = str(path.relative_to(out))
     return Item(f"{number:03d} {name}", "made", name, file, None, "file", size, up, tuple(wishes.items()), seed)
@@ -109,7 +109,7 @@ def _bad_file(number: int, fault: str, rng: Rng, out: Path) -> Item:
 
 
 def _described(number: int, fault: str, name: str, rng: Rng, out: Path) -> Item:
-    """Write a mesh with a URDF or MJCF file that states wrong physics."""
+    """Write a mesh with a URDF or MJCF file that contains wrong physical properties."""
     mesh = SHAPES[name](rng)
     folder = out / "meshes" / f"{number:03d}-{name}"
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Good meshes of unusual shape, with random measures, and faults that ``planted_faults.py`` does not plant."""
+"""Good meshes of unusual shapes with random dimensions, and faults that ``planted_faults.py`` does not plant."""
 
 from __future__ import annotations
 
@@ -322,7 +322,7 @@ def _handle_untouched(asset: Asset, rng: Rng) -> Asset:  # noqa: ARG001
 
 
 def _wrong_friction(asset: Asset, rng: Rng) -> Asset:
-    """Make an object slide like ice, or stick."""
+    """Set the sliding friction much too low or much too high."""
     sliding = float(rng.choice([0.0, 0.01, 5.0, 50.0]))
     return replace(asset, collision=tuple(replace(part, friction=(sliding, 0.0, 0.0)) for part in asset.collision))
 

@@ -1,4 +1,4 @@
-"""Take the pictures of our pages that the documentation shows, in a headless Chromium.
+"""Take screenshots of our pages for the documentation, in a headless Chromium.
 
 The report covers the full suite, one trial per variation; the section on knowledge is of a run with a model's answers;
 the teleoperation page shows two packed items; the review page shows a mug set upright;

@@ -6,7 +6,7 @@
 Good assets are meshes made by ``made_meshes.py``, assets from the procedural library and, if given, meshes from a
 folder (``*.glb``, and ``NAME/*.obj``). A bad asset is a good asset with one fault (``planted_faults.py``), planted in
 the file, in the options of the import, or in the asset after the import. The plan is ``plan.json``; each result is a
-line of ``journal.jsonl``, and the same command goes on after an interruption.
+line of ``journal.jsonl``, and the same command continues after an interruption.
 
 False accepts are bad assets that the importer accepted and the certificate passed. If the importer repairs a file's
 fault, the result is a good asset; the original's known up axis and volume show whether it did. These items are listed

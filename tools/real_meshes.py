@@ -4,7 +4,7 @@
 
 Each file (``*.glb``, and ``NAME/*.obj`` with NAME as the name of the object) is imported with its name and a license as
 its only options. The seconds are CPU seconds of the import, without the certificate. Each result is a line
-of ``journal.jsonl``, and the same command goes on after an interruption; ``--pictures`` also
+of ``journal.jsonl``, and the same command continues after an interruption; ``--pictures`` also
 writes a picture per object: visible parts, collision parts, and pose at rest.
 """
 

@@ -1,4 +1,4 @@
-"""Pictures of scenes for the documentation: what changed is outlined, and files stay small."""
+"""Draw small pictures of scenes for the documentation, with outlines around the changes of a variation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Task, Variation, get_task
 from betterbench.tasks.interventions import vary
 
 PICTURE_BYTES = 25_000
-"""Largest size of a card's picture; 70 of them shall not weigh more than the code."""
+"""Maximum file size of a card's picture [byte], so that 70 pictures are not larger than the code."""
 _BEST, _WORST, _STEP = 90, 50, 4  # qualities of JPEG that are tried, from the best
 _GAP = 4  # between two pictures that belong together [pixel]
 
@@ -54,7 +54,7 @@ def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Ima
 
 
 def _before_and_after(task: Task, variation: Variation, *, seed: int, size: int, shown: int) -> list[Image.Image]:
-    """Return both scenes, with the instruction under them where it is all that differs."""
+    """Return both scenes, with the instruction below if only the instruction differs."""
     images = [front_view(task.id, name, seed, size) for name in (f"{variation.name}/before", variation.name)]
     images = [image.resize((shown, shown), Image.Resampling.LANCZOS) if shown != size else image for image in images]
     test, changes = vary(task, variation)
@@ -124,7 +124,7 @@ def save_small(image: Image.Image, path: Path, *, limit: int = PICTURE_BYTES) ->
         if buffer.tell() < limit:
             path.write_bytes(buffer.getvalue())
             return
-    raise InvalidInputError(path.name, f"{limit} bytes do not hold it at quality {_WORST}", "Make the picture smaller")
+    raise InvalidInputError(path.name, f"exceeds {limit} bytes even at quality {_WORST}", "Make the picture smaller")
 
 
 def _render(task: Task, condition: Condition, outlined: frozenset[str], seed: int, size: int) -> Image.Image:

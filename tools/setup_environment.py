@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
 """Makes the project's environment from a bare ``python3``: uv, the hash-pinned packages in ``.venv``, the GL library.
 
-Needs the standard library only, so that ``make test`` and ``make demo`` work on a fresh machine. Everything is done
-once: a stamp in ``.venv`` remembers the locks it was filled from, and a second call returns at once. The package index,
-    certificates and proxy come from pip's usual configuration (environment and files), which uv does not read by
-    itself; none of it is written anywhere.
+Needs the standard library only, so that ``make test`` and ``make demo`` work on a fresh machine. A stamp in ``.venv``
+    contains a digest of the installed locks, so a second call returns immediately. The package index, certificates and
+    proxy come from pip's usual configuration (environment and files), which uv does not read by itself; none of it is
+    written anywhere.
 
 Examples:
     python3 tools/setup_environment.py              everything `make test` needs
     python3 tools/setup_environment.py --no-gl      without the graphics library (formatting, linting, types)
-    python3 tools/setup_environment.py --lock runtime   without the developers' tools
-    python3 tools/setup_environment.py --extras "train lerobot"   and these extras, which later calls keep
+    python3 tools/setup_environment.py --lock runtime   without developer tools
+    python3 tools/setup_environment.py --extras "train lerobot"   also with these extras, which later calls keep
     python3 tools/setup_environment.py --relock     write requirements/*.lock anew
 """
 
@@ -38,7 +38,7 @@ VENV_PYTHON = VENV / "bin" / "python"
 UV_HOME = ROOT / ".uv"
 LOCKS = ROOT / "requirements"
 CALIBRATION = ROOT / "packages" / "betterbench-calibration"
-"""The instruments for maintainers, a distribution of their own that a clone has too."""
+"""Folder of the separate distribution with tools for maintainers, which is also installed in a clone."""
 BOOTSTRAP_LOCK = LOCKS / "bootstrap.lock"
 STAMP = VENV / "betterbench-setup.stamp"
 GL_STAMP = VENV / "mujoco-gl"
@@ -55,12 +55,12 @@ GL_PACKAGES = ("libegl1", "libgl1")
 LOCK_OPTIONS = dict.fromkeys(("lerobot-feetech", "train", "world-libero-plus"), ("--no-deps",))
 _TORCH = {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")}
 LOCAL_BUILDS = {"lerobot-feetech": _TORCH, "train": _TORCH}
-# Bounds of packages that an extra does not need for what is done with it here. LeRobot 0.4 draws with an old Rerun
+# Overridden requirements of extras, for packages that are not used here. LeRobot 0.4 draws with an old Rerun
 # version, which would remove the extra `view` from .venv, and listens to the keyboard with pynput, which must be
 # compiled; both are used only by its own record and view commands.
 OVERRIDES = {"lerobot": ("rerun-sdk>=0.41", "pynput ; python_version < '3'")}
-# Packages that an extra names but that are left out: only the files of the encoder's weights are read, and not with the
-# package that they were made for, which brings in a database and pandas.
+# Required packages of extras that are not installed: only the encoder's weight files are read, without the package for
+# which they were made, which requires a database and pandas.
 LEFT_OUT = {"assets": ("pyduck-janitor",)}
 # Packages with which an extra is resolved, so that a user gets the versions used in the tests.
 COMPANIONS = {"train": ("torch==2.13.0",), "being-h": ("torch==2.13.0",), "vlm": ("torch==2.13.0",)}
@@ -128,7 +128,7 @@ print(sys.implementation.name, *sys.version_info[:2], os.uname().machine)
 print(min(seconds() for _ in range(12)))
 """
 CLEARLY = 0.9
-"""Share of the time of this interpreter that another build may take to be clearly faster."""
+"""Another build is clearly faster if it takes at most this share of this interpreter's time."""
 TIMINGS = 5
 """Number of timings per interpreter; the shortest time counts."""
 
@@ -184,7 +184,7 @@ def pip_settings(environ: Mapping[str, str]) -> dict[str, str]:
         try:
             parser.read(file, encoding="utf-8")
         except (configparser.Error, OSError) as error:
-            raise SetupError(f"{file}: pip's configuration cannot be read ({error}). Mend or remove it.") from error
+            raise SetupError(f"{file}: pip's configuration cannot be read ({error}). Correct or remove it.") from error
         for section in ("global", "install"):
             if parser.has_section(section):
                 settings.update({key.replace("_", "-"): value for key, value in parser.items(section)})
@@ -213,7 +213,7 @@ def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False)
     if not main_index_only:
         offer("UV_INDEX", None if "UV_EXTRA_INDEX_URL" in environ else settings.get("extra-index-url"))
         offer("UV_FIND_LINKS", settings.get("find-links"), separator=",")
-        # pip queries all indexes equally; hashes keep a stranger's file out.
+        # pip treats all indexes equally; the hashes reject files that are not in the lock.
         env.setdefault("UV_INDEX_STRATEGY", "unsafe-best-match")
     offer("UV_INSECURE_HOST", settings.get("trusted-host"))
     offer("UV_HTTP_TIMEOUT", settings.get("default-timeout") or settings.get("timeout"))
@@ -222,7 +222,7 @@ def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False)
         if proxy.lower() not in environ:
             offer(proxy, settings.get("proxy"))
     env.setdefault("UV_PYTHON_DOWNLOADS", "never")
-    # uv must act on .venv and on no environment that happens to be active.
+    # uv must use .venv, even if another environment is active.
     for name in ("VIRTUAL_ENV", "CONDA_PREFIX", "PYTHONPATH", "PYTHONHOME"):
         env.pop(name, None)
     return env
@@ -243,7 +243,7 @@ def administrator() -> list[str] | None:
 
 
 def apt_line(packages: Sequence[str]) -> str:
-    """Writes the shell line a person can run to get Debian packages."""
+    """Returns the shell command that installs Debian packages."""
     sudo = "" if os.geteuid() == 0 else "sudo "
     return f"{sudo}apt-get update && {sudo}apt-get install -y --no-install-recommends {' '.join(packages)}"
 
@@ -265,7 +265,7 @@ def apt_install(packages: Sequence[str]) -> bool:
 
 
 def working_gl() -> str | None:
-    """Returns the off-screen GL back end that works ("egl" or "osmesa"), or None where neither does."""
+    """Returns a working off-screen GL back end ("egl" or "osmesa"), or None."""
     for name, probe in PROBES.items():
         with contextlib.suppress(subprocess.TimeoutExpired):
             tried = subprocess.run([sys.executable, "-c", probe], check=False, capture_output=True, timeout=60)
@@ -275,7 +275,7 @@ def working_gl() -> str | None:
 
 
 def ensure_gl() -> None:
-    """Sees to it that MuJoCo can render, and notes the back end for the Makefile.
+    """Makes sure that MuJoCo can render, and stores the back end for the Makefile.
 
     Raises:
         SetupError: No back end works and none could be installed.
@@ -421,7 +421,7 @@ def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
     if not STAMP.exists() or not VENV_PYTHON.exists():
         return False
     if not any(VENV.glob("lib/python*/site-packages/betterbench_calibration-*.dist-info")):
-        return False  # taken out by hand; messages name `make setup` as its cure
+        return False  # the package was removed by hand; error messages recommend `make setup` in this case
     accepted = {fingerprint(lock, extras), fingerprint("dev", extras)}
     return STAMP.read_text(encoding="ascii") in accepted
 
@@ -492,7 +492,7 @@ def for_processor(lock: str, local: str, digest: str) -> str:
 
 
 def measured(python: Path | str) -> tuple[str, float] | None:
-    """Interpreter executable, and the seconds it needs for a small workload; None if it does not match.
+    """Returns an interpreter's executable and its time for a small workload [s], or None if it does not match.
 
     A match is a CPython with this minor version and machine type that has the standard library parts which some
     distributions package separately.
@@ -507,13 +507,13 @@ def measured(python: Path | str) -> tuple[str, float] | None:
 
 
 def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
-    """The interpreter for ``.venv``: this one, or another build of the same version that is clearly faster.
+    """Returns the interpreter for ``.venv``: this one, or another build of the same version that is clearly faster.
 
     pyenv builds Python without optimizations by default, and such a build takes a third to a half longer.
     Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
 
     Args:
-        named: The user named this interpreter.
+        named: Whether the user chose this interpreter.
         places: Folders to search; if None, the PATH folders and /usr/bin.
     """
     name = f"python{sys.version_info.major}.{sys.version_info.minor}"
@@ -532,7 +532,7 @@ def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
     if least[fastest] > CLEARLY * own:
         return sys.executable
     faster = own / least[fastest]
-    say(f"{fastest} is {faster:.1f} times as fast as {sys.executable}: taking it (PYTHON=... names another)")
+    say(f"{fastest} is {faster:.1f} times as fast as {sys.executable}and is used (choose another with PYTHON=...)")
     return fastest
 
 
@@ -544,7 +544,7 @@ def fill(lock: str, extras: Sequence[str] = (), *, named: bool = False) -> None:
     Args:
         lock: "dev" or "runtime".
         extras: Names of all extras that ``.venv`` should contain.
-        named: ``.venv`` must have this interpreter and no other build of it.
+        named: Whether ``.venv`` must use exactly this interpreter.
 
     Raises:
         SetupError: uv failed; its own message is shown above.
@@ -582,13 +582,13 @@ def require(command: Sequence[str | Path], *, env: Mapping[str, str]) -> None:
     """
     if run(command, env=env).returncode != 0:
         raise SetupError(
-            f"`{' '.join(str(word) for word in command[:3])}` failed; its message stands above. "
+            f"`{' '.join(str(word) for word in command[:3])}` failed; its message is shown above. "
             "Check the network and pip's configuration, then run the same command again."
         )
 
 
 def install_locked(install: Sequence[str | Path], lock: str, extras: Sequence[str], *, env: Mapping[str, str]) -> None:
-    """Installs the first list of packages that can be had.
+    """Installs the first list of packages that is available.
 
     Args:
         install: The command without the list.
@@ -625,11 +625,11 @@ def with_local_build(lock: str, package: str, local: str, digest: str) -> str:
         digest: SHA-256 of its file.
 
     Raises:
-        SetupError: The lock does not name the package.
+        SetupError: The lock does not contain the package.
     """
     found = re.search(rf"^{re.escape(package)}==[^ ;\\\n]+", lock, flags=re.MULTILINE)
     if found is None:
-        raise SetupError(f"the lock names no {package}")
+        raise SetupError(f"the lock does not contain {package}")
     pinned = found.group()
     entry = f"{pinned} ; {ELSEWHERE}"
     added = f"{pinned}{local} ; {ON_X86_LINUX} \\\n    --hash=sha256:{digest}\n"
@@ -637,10 +637,10 @@ def with_local_build(lock: str, package: str, local: str, digest: str) -> str:
 
 
 def relock(*, upgrade: bool) -> None:
-    """Writes the locks anew: for every platform and Python, with hashes, naming no host.
+    """Writes the locks again, for every platform and Python version, with hashes and without host names.
 
     Args:
-        upgrade: Take the newest versions instead of keeping the locked ones where they still fit.
+        upgrade: Whether to use the newest versions instead of keeping locked versions that still fit.
 
     Raises:
         SetupError: uv failed, or a lock names a host or a path.
@@ -724,7 +724,7 @@ def versions_of(entries: Sequence[str]) -> set[str]:
 
 @contextlib.contextmanager
 def alone() -> Iterator[None]:
-    """Lets one set-up at a time work on this tree; a second one waits and then finds everything done.
+    """Allows one setup at a time in this clone; a second one waits, and then has nothing left to do.
 
     Yields:
         Nothing.
@@ -735,7 +735,7 @@ def alone() -> Iterator[None]:
 
 
 def main() -> int:
-    """Returns the exit status: 0, or 2 where something has to be done by a person first."""
+    """Runs the setup; returns 0, or 2 if the user must do something first."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--lock", choices=("dev", "runtime"), default="dev", help="which packages (default: %(default)s)"
@@ -749,7 +749,7 @@ def main() -> int:
     if sys.version_info < OLDEST_PYTHON:
         wanted = ".".join(map(str, OLDEST_PYTHON))
         say(f"Python {wanted} or newer is needed and {sys.executable} is {sys.version.split()[0]}.")
-        say("Name another one: make PYTHON=python3.12 test")
+        say("Choose another one: make PYTHON=python3.12 test")
         return 2
     try:
         with alone():

@@ -1,11 +1,11 @@
-"""Print the shape of the code: sizes, functions, names, task and asset files, packages and imports, start-up times.
+"""Print measurements of the code: sizes, functions, names, task and asset files, packages, imports, start-up times.
 
 Examples:
     python tools/shape.py                          print the tables
     python tools/shape.py --against ../old         print each number before (../old) and after
     python tools/shape.py --write-docs --times     write the tables into docs/contributing.md
 
-The numbers are information, not targets: nothing fails because of them. ``tools/code_measures.py`` describes how
+The numbers are only informative; no check depends on them. ``tools/code_measures.py`` describes how
 everything is counted.
 """
 
@@ -37,7 +37,7 @@ class Measure:
     """One number of the summary.
 
     Attributes:
-        name: What is counted.
+        name: Name of the measurement.
         value: The number.
         where: Source of the number, if one or a few places can be named.
         unit: Written after the number.
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program name; default: the process's command line.
 
     Returns:
-        Exit status: 0, or 2 where a checkout cannot be measured.
+        Exit status: 0, or 2 if a checkout cannot be measured.
     """
     options = _parser().parse_args(arguments)
     try:
@@ -152,7 +152,7 @@ def tables_of(shape: Shape, root: Path, *, times: bool = False) -> list[Table]:
     """Return all tables of a checkout.
 
     Args:
-        shape: What was measured in it.
+        shape: Its measurements.
         root: Its folder.
         times: Whether to run the checkout's command line for the table of start-up times.
     """
@@ -239,7 +239,7 @@ def _seconds(root: Path, verb: str) -> float:
 
 
 def _help(root: Path, verb: str) -> str:
-    """Return what ``better VERB --help`` of a checkout prints, without colors and on wide lines."""
+    """Return the output of ``better VERB --help`` in a checkout, without colors and with wide lines."""
     path = os.pathsep.join(filter(None, (str((root / "src").resolve()), os.environ.get("PYTHONPATH"))))
     environ = {**os.environ, "PYTHONPATH": path, "COLUMNS": "1000", "NO_COLOR": "1"}
     command = [sys.executable, "-m", "betterbench.cli", *([verb] if verb else []), "--help"]
@@ -250,7 +250,7 @@ def _help(root: Path, verb: str) -> str:
 
 
 def as_text(tables: Sequence[Table]) -> str:
-    """Return tables for a terminal: columns are aligned, and tables without rows say so."""
+    """Return tables for a terminal, with aligned columns and a note for tables without rows."""
     return "\n\n".join("\n".join(_text_lines(table)) for table in tables)
 
 
@@ -294,7 +294,7 @@ def write_docs(page: Path, text: str) -> None:
     head, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not (begin and end) or BEGIN in rest or END in tail:
-        raise ValueError(f"{page} must hold the line {BEGIN} and after it the line {END}, each once")
+        raise ValueError(f"{page} must contain the line {BEGIN} and after it the line {END}, each once")
     page.write_text(f"{head}{BEGIN}\n\n{text}\n\n{END}{tail}", encoding="utf-8")
 
 

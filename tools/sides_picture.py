@@ -1,4 +1,4 @@
-"""Make the picture of the sides of a laptop and of a plate, as goals accept them, for docs/sides.md."""
+"""Draw the regions beside a laptop and a plate that goals accept, for docs/sides.md."""
 
 from __future__ import annotations
 

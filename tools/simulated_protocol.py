@@ -1,9 +1,9 @@
-"""Write the folder of a protocol whose trials are simulated ones, recorded as a real arm would record them.
+"""Write the folder of a real-robot protocol from simulated trials, recorded as a real arm would record them.
 
 For each policy, a run of the SO-101 has the trials of all cells. Joint states get the noise of the encoders, films are
-rendered from the front camera, and two judges enter what a judge with perfect eyes would, with a slip now and then. The
-folder shows what ``better real judge`` and ``better real report`` make of it, and how far labels without privileged
-state are those of the simulated diagnosis.
+rendered from the front camera, and two judges enter the outcomes of a perfect judge, with occasional mistakes. With the
+folder, ``better real judge`` and ``better real report`` can be tried, and labels without privileged state can be
+compared with the simulated diagnosis.
 
 Example:
     python tools/simulated_protocol.py runs/real --run expert=runs/expert --run zoo:phase=runs/phase
@@ -41,7 +41,7 @@ def film_of(run: RunFolder, trial: TrialDiagnosis, record: Record, size: int) ->
 def record_one(
     journal: RealJournal, planned: PlannedTrial, run: RunFolder, trial: TrialDiagnosis, *, size: int, noise: int
 ) -> str:
-    """Write one trial, and return what a perfect judge enters."""
+    """Write one trial, and return the outcome that a perfect judge would enter."""
     record = read_record(run.path / str(trial.record))
     samples = samples_of(record, noise=noise)
     films = {"front": film_of(run, trial, record, size)} if size else {}

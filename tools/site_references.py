@@ -1,4 +1,4 @@
-"""Docstrings for the site: roles such as ``:func:`~betterbench.evaluation.evaluate` `` become links."""
+"""Docstrings of the documentation site: roles such as ``:func:`~betterbench.evaluation.evaluate` `` become links."""
 
 from __future__ import annotations
 

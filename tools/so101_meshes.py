@@ -2,7 +2,7 @@
 
     python tools/so101_meshes.py FOLDER
 
-FOLDER holds the STL files of the model ``robotstudio_so101`` in MuJoCo Menagerie at commit
+FOLDER contains the STL files of the model ``robotstudio_so101`` in MuJoCo Menagerie at commit
 4c358ef9d9d7f32ca58b40b490884a0c1726a440 (Apache-2.0), as the wheel ``so101-nexus`` 0.10.0 contains them in
 ``so101_nexus/assets/SO101_menagerie/assets``. The parts are TheRobotStudio's (SO-ARM100, Apache-2.0).
 
@@ -46,7 +46,7 @@ FACES = {
 
 TOLERANCE_MM = 0.4
 SERVO_TOLERANCE_MM = 0.1
-"""Tolerance of the servos, whose fine ribs a larger one turns into more triangles."""
+"""Tolerance for the servos [mm]; a larger one would turn their fine ribs into more triangles."""
 
 CREASE_DEGREES = 32.0
 ROUND_M = 1e-5

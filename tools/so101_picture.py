@@ -1,8 +1,8 @@
-"""Make the picture of the SO-101 for docs/so101.md: the arm from two sides, and its two cameras while it picks.
+"""Draw the picture of the SO-101 for docs/so101.md: two views of the arm, and its camera images during a pick.
 
     PYTHONPATH=. python tools/so101_picture.py --out docs/pictures/so101.jpg
 
-The scene is that of the arm's tests (``tests/sim/robots/so101_table.py``).
+The scene is the one of the arm's tests (``tests/sim/robots/so101_table.py``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Generated pages of the documentation about tasks: an index, one page per task, and the templates."""
+"""Generate the documentation pages about tasks: an index, a page per task, and the templates."""
 
 from __future__ import annotations
 

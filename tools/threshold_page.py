@@ -1,4 +1,4 @@
-"""Write the page of the documentation with the thresholds: their values, reasons, and what moves if they move.
+"""Write the documentation page about the thresholds: their values, reasons and effects on labels.
 
 Example:
     python tools/threshold_page.py

@@ -1,4 +1,4 @@
-"""Figures for runs until decided: false alarms for honest policies, and the same verdicts with fewer trials.
+"""Compute the tables about ``--until-decided``: false alarms for honest policies, and the saved trials.
 
 Run with ``python tools/until_decided_page.py``; it takes about three minutes and writes the tables into the page of the
 documentation. ``--runs`` reads the faulty policies' outcome table again, from runs that contain training trials.
@@ -92,7 +92,7 @@ def simulate(suite: Suite, rates: Rates, generator: np.random.Generator, *, most
 
 
 def alarm_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
-    """Yield how often policies whose verdict is known get a wrong one, each over so many suites."""
+    """Yield how often policies with a known verdict get a wrong one, each over a number of simulated suites."""
     honest = [(rate, rate) for rate in (1.0, 0.95, 0.8, 0.5, 0.2, 0.05)]
     halved = [(1.0, 0.5), (0.75, 0.25), (0.5, 0.0)]
     for number, (twin, varied) in enumerate((*honest, *halved)):
@@ -152,7 +152,7 @@ def mixed_rows(suite: Suite, suites: int) -> Iterator[list[str]]:
 
 
 def fixed_verdicts(suite: Suite, outcomes: Mapping[str, Sequence[bool]]) -> dict[str, Verdict]:
-    """Return the verdicts of as many trials everywhere.
+    """Return the verdicts of the fixed design, with the same number of trials for all variations.
 
     A drop is shown by McNemar's exact test, corrected by Holm as in a report; its absence by Newcombe's interval.
     """
@@ -185,7 +185,7 @@ def _high(*counts: int) -> float:
 
 @dataclass(slots=True)
 class Tally:
-    """Sums over runs: verdicts by what the two designs say, wrong ones, and trials."""
+    """Sums over runs: verdicts of the two designs, wrong verdicts, and trials."""
 
     runs: int = 0
     verdicts: int = 0
@@ -253,7 +253,7 @@ def policy_rows(suite: Suite, table: Counts) -> Iterator[list[str]]:
 
 
 def read_runs(folders: Sequence[Path], suite: Suite) -> Counts:
-    """Return of how many recorded trials how many succeeded, by policy and condition.
+    """Return the numbers of recorded and successful trials by policy and condition.
 
     Several runs may be of one policy. Policies without a trial of each condition are left out.
     """

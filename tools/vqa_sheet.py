@@ -1,4 +1,4 @@
-"""Draw random questions of a set over their images, to be looked at by a person.
+"""Draw random questions of a set over their images, for inspection by a person.
 
 Example:
     python tools/vqa_sheet.py sets/expert sheet.png --count 20

@@ -191,11 +191,13 @@ def say_unsealed(where: str) -> None:
     """Log once that a document of an earlier version has no seal."""
     if where not in _SAID:
         _SAID.add(where)
-        logger.warning("%s: an earlier version wrote it without a seal, so a change would not be detected", where)
+        logger.warning(
+            "%s: was written by an earlier version without a seal, so changes to it cannot be detected", where
+        )
 
 
 _SAID: set[str] = set()
-"""Documents whose missing seal has been reported."""
+"""Documents for which :func:`say_unsealed` has logged a warning."""
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:

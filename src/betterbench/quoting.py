@@ -1,4 +1,4 @@
-"""Quoting of external texts, with one function per output format.
+"""Quoting of external strings, with one function per output format.
 
 A name in an untrusted data set, run, record, plan or answer may contain any characters. The output is read by a program
 (a shell, a browser, a spreadsheet, LaTeX), so each format has its rules, which are implemented once here. Terminal
@@ -27,8 +27,8 @@ LONGEST_TEXT = 2000
 class ShellText(str):
     """Shell source text written by our own code, such as ``"$HERE/train.py"``; it is not quoted.
 
-    Text from a file or a user must never become a ShellText. Joined with other texts, it becomes an ordinary text,
-    which is quoted.
+    Text from a file or a user must never become a ShellText. Concatenated with another string, it becomes an ordinary
+    string, which is quoted.
     """
 
     __slots__ = ()
@@ -80,10 +80,11 @@ _DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
-    """Return a name for a file or folder from a text, with ASCII letters, digits, ``-`` and ``.``, or another name.
+    """Return a name for a file or folder from a text, or ``otherwise`` if the text has no ASCII letter or digit.
 
-    It has at most :data:`LONGEST_NAME` characters: a longer name is cut and ends with a digest of the text, so that two
-    long texts with the same beginning have different names.
+    The name consists of ASCII letters, digits, ``-`` and ``.``, and has at most :data:`LONGEST_NAME` characters: a
+    longer name is cut and ends with a digest of the text, so that two long texts with the same beginning have different
+    names.
     """
     name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
     if len(name) <= LONGEST_NAME:

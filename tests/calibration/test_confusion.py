@@ -83,7 +83,7 @@ def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
             Calibration.from_json(json.dumps(bad).encode(), where="calibration.json")
     with pytest.raises(RecordError):
         Calibration.from_json(b"[]", where="calibration.json")
-    with pytest.raises(RecordError, match=r"rate: 3 successes in 2 trials is impossible"):
+    with pytest.raises(RecordError, match=r"rate: 3 successes in 2 trials are impossible"):
         Calibration.from_json(
             json.dumps({**form, "policies": {"zoo:x": {"k": 3, "n": 2}}}).encode(), where="calibration.json"
         )

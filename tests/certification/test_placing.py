@@ -58,7 +58,7 @@ def test_an_arm_with_a_short_reach_says_which_slots_are_out_of_it():
 
 
 def test_a_task_of_the_robot_is_refused():
-    with pytest.raises(InvalidInputError, match="fruit_basket is laid out for the robot 'so101' already"):
+    with pytest.raises(InvalidInputError, match="fruit_basket is already laid out for robot 'so101'"):
         place_task(get_task("fruit_basket"), SO101)
 
 
@@ -105,9 +105,9 @@ def test_the_verb_writes_task_files_and_tells_the_numbers(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ([], "--robot: no robot is named"),
+        ([], "--robot: no robot is given"),
         (["--robot", "so100"], "Did you mean 'so101'"),
-        (["--robot", "panda"], "laid out for the robot 'panda' already"),
+        (["--robot", "panda"], "already laid out for robot 'panda'"),
         (["--robot", "so101", "--tasks", "cheesburger"], "Did you mean 'cheeseburger'"),
         (["--robot", "so101", "--trials", "0"], "--trials: 0 is out of range"),
     ],

@@ -174,9 +174,9 @@ def test_variations_are_counted_by_axis(capsys):
         (("show", "fast_food/T9"), "T1"),
         (("diagnose", "no/such/run"), "no run"),
         (("report", "no/such/run"), "no run"),
-        (("report",), "runs: no run is named"),
-        (("compare",), "Name at least two"),
-        (("export",), "runs: no run is named"),
+        (("report",), "runs: no run is given"),
+        (("compare",), "Give at least two"),
+        (("export",), "runs: no run is given"),
         (("export", "--check", "set"), "the folders of the runs to compare set with"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
@@ -430,7 +430,7 @@ def test_a_trial_is_filmed_beside_its_twin(capsys, small_run, tmp_path):
     assert "--size" in err
     status, _, err = run(capsys, "replay", str(record), "--twin", "--check")
     assert status == 2
-    assert "Give one of the two" in err.replace("\n", " ")
+    assert "Leave out one of the two" in err.replace("\n", " ")
 
 
 @pytest.mark.render

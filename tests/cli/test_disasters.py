@@ -71,7 +71,7 @@ def test_the_cure_of_a_disk_is_no_better_path(number):
 def test_a_folder_that_vanishes_while_a_file_is_written_is_named(tmp_path):
     with DurableFile(tmp_path / "out" / "x.json") as file:
         shutil.rmtree(tmp_path / "out")
-        with pytest.raises(StorageError, match=r"x\.json: its folder was removed or moved while this was written"):
+        with pytest.raises(StorageError, match=r"x\.json: its folder was removed or moved while the file was written"):
             file.finish()
     assert list(tmp_path.iterdir()) == []
 

@@ -157,7 +157,7 @@ def test_conventions_that_differ_are_shown_before_the_run_is_refused(capsys, tmp
     ("arguments", "text"),
     [
         (("--policy", "exprt"), "Did you mean 'expert'"),
-        (("--policy", "replay:runs/x"), "a replay policy has no answers to check"),
+        (("--policy", "replay:runs/x"), "a replay policy only repeats recorded actions"),
         (("--policy", "noop", "--task", "fast_fod"), "fast_food"),
         (("--policy", "openpi://127.0.0.1:1?patience=0.1&preset=native"), "could not be reached"),
     ],

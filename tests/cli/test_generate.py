@@ -56,7 +56,7 @@ def test_a_sentence_makes_one_scenario_with_its_objects(capsys, tmp_path):
 def test_it_is_said_why_a_sentence_is_not_the_instruction(capsys, tmp_path, sentence, said):
     assert main(["generate", sentence, "--out", str(tmp_path / "fruit")]) == 0
     shown = " ".join("".join(capsys.readouterr()).split())
-    assert ("The instruction is not your sentence" in shown) == bool(said)
+    assert ("The instruction differs from your sentence" in shown) == bool(said)
     assert said in shown
 
 
@@ -66,7 +66,7 @@ def test_it_is_said_why_a_sentence_is_not_the_instruction(capsys, tmp_path, sent
         (["loose_paking"], "Unknown template 'loose_paking'. Did you mean 'loose_packing'"),
         (["do my taxes"], "fits no template"),
         (["loose_packing", "--num", "0"], "--num: 0 is out of range"),
-        (["recursive_stacking", "--num", "31"], "holds 30 different scenarios"),
+        (["recursive_stacking", "--num", "31"], "has 30 different scenarios"),
         (["loose_packing", "--model", "gpt"], "--model: 'gpt' is not an address with a model"),
         (["loose_packing", "--model", "ftp://x#m"], "is not an HTTP address"),
         (["loose_packing", "--model", "http://localhost:1/v1#m", "--tries", "0"], "--tries: 0 is out of range"),

@@ -64,9 +64,9 @@ def test_quotas_come_from_a_file(capsys, tmp_path, content):
     [
         (["--until", "0"], "--until: 0 is out of range"),
         (["--until", "2", "--quota", "template=loose_paking:1"], "Did you mean 'loose_packing'"),
-        (["--until", "2", "--quota", "template=loose_packing:3"], "need 3 tasks, and there are 2"),
-        (["--until", "5000"], "--until: asks for 5000 tasks, and the grammar has"),
-        (["Put the fruit into the lunchbox", "--until", "2"], "a sentence describes one scenario"),
+        (["--until", "2", "--quota", "template=loose_packing:3"], "need 3 tasks, but there are only 2"),
+        (["--until", "5000"], "--until: needs 5000 tasks, but the grammar has only"),
+        (["Put the fruit into the lunchbox", "--until", "2"], "a sentence describes a single scenario"),
         (["loose_paking", "--until", "2"], "Did you mean 'loose_packing'"),
         (["--until", "2", "--num", "3"], "--num: cannot be combined with --until"),
         (["--until", "2", "--build"], "--build: cannot be combined with --until"),
@@ -75,7 +75,7 @@ def test_quotas_come_from_a_file(capsys, tmp_path, content):
         (["--until", "2", "--name", "My Suite"], "'My Suite' is not a name"),
         (["--until", "2", "--quotas", "absent.yaml"], "absent.yaml"),
         (["loose_packing", "--quota", "axis=temporal:1%"], "--quota: has no effect without --until"),
-        ([], "there is no template"),
+        ([], "no template is given"),
     ],
 )
 def test_wrong_input_is_one_line_and_leaves_no_folder(capsys, tmp_path, arguments, said):

@@ -170,7 +170,7 @@ def test_a_file_of_somebody_else_stays_as_it_is(made, tmp_path, capsys, name):
     out.write_bytes(FOREIGN)
     text = said(capsys, words)
     assert f"{out}: a file that better {words[0]} did not write already exists here and is not replaced." in text
-    assert text.endswith("Name another file, or give --overwrite.")
+    assert text.endswith("Give another file name, or give --overwrite.")
     assert out.read_bytes() == FOREIGN
     assert [p.name for p in tmp_path.iterdir()] == [out.name]
     assert main([*words, "--overwrite"]) == 0
@@ -204,11 +204,11 @@ def test_what_is_no_file_of_ours_is_not_written_to(made, tmp_path, capsys, name,
         assert out.is_symlink()
     elif what == "folder":
         out.mkdir()
-        assert "is a folder, not a file" in said(capsys, words)
-        assert "is a folder, not a file" in said(capsys, [*words, "--overwrite"])
+        assert "is a folder, which is never replaced" in said(capsys, words)
+        assert "is a folder, which is never replaced" in said(capsys, [*words, "--overwrite"])
     elif what == "pipe":
         os.mkfifo(out)
-        assert "is a pipe, socket or device, not a file" in said(capsys, [*words, "--overwrite"])
+        assert "is a pipe, socket or device, which is never replaced" in said(capsys, [*words, "--overwrite"])
         assert out.is_fifo()
     else:
         with FileLock(out):
@@ -236,7 +236,7 @@ def test_a_folder_of_somebody_else_is_not_written_to(made, tmp_path, capsys, nam
     (out / page).write_bytes(FOREIGN)
     (out / "mine.txt").write_bytes(FOREIGN)
     text = said(capsys, words)
-    assert f"{out}: the folder holds " in text
+    assert f"{out}: the folder contains " in text
     assert "--overwrite" in text
     assert content(out) == {Path(page): FOREIGN, Path("mine.txt"): FOREIGN}
     assert main([*words, "--overwrite"]) == 0

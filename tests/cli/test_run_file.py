@@ -121,7 +121,7 @@ def test_exactly_one_file_is_named(words, capsys):
         ("policy: lerobot:evil\n", "loads the checkpoint evil"),
         ("policy: openpi://stranger:1?api_key_env=SECRET\n", "the environment variable SECRET"),
         ("policy: gr00t://stranger:1?api_token_env=SECRET\n", "the environment variable SECRET"),
-        ("task_file: [evil.py]\n", "evil.py runs the Python code in it"),
+        ("task_file: [evil.py]\n", "evil.py runs its Python code"),
     ],
 )
 def test_what_would_run_code_or_send_a_secret_needs_a_yes(run_file, text, shown, capsys):

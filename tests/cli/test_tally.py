@@ -80,7 +80,7 @@ def test_service_says_how_the_policy_answered():
         entry(3),
     ]
     text = service_text(policy_service(entries, 20.0))
-    assert text == "120 ms per answer (slowest 3400 ms), 2.0 requests under way on average, 2 retries, 2 reconnects"
+    assert text == "120 ms per answer (slowest 3400 ms), 2.0 simultaneous requests on average, 2 retries, 2 reconnects"
     assert service_text(policy_service([entry(0)], 1.0)) == ""
     quick = service_text(policy_service([entry(0, policy_latency_p50_s=1e-5)], 1.0))
     assert quick == "under 1 ms per answer (slowest under 1 ms)"

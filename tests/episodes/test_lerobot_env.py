@@ -79,7 +79,7 @@ def test_a_state_has_the_numbers_of_its_robot(name, state, size):
 
 
 def test_motors_need_the_action_space_of_a_robots_own_motors():
-    with pytest.raises(InvalidInputError, match="'motors' is in the units of a robot's own motors, and the action"):
+    with pytest.raises(InvalidInputError, match="'motors' needs an action space in motor units, but the action"):
         LeRobotTaskEnv("fast_food", state="motors", **BLIND)
 
 

@@ -166,6 +166,6 @@ def test_a_forked_copy_of_a_renderer_is_refused_with_what_to_write_instead(tmp_p
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
     assert done.returncode == 1
     said = done.stderr.strip().splitlines()[-1]
-    assert said.startswith("betterbench.errors.InvalidInputError: worker process: it was forked")
+    assert said.startswith("betterbench.errors.InvalidInputError: worker process: was forked")
     assert "vector_kwargs={'context': 'spawn'}" in said
     assert "TypeError" not in done.stderr

@@ -82,7 +82,7 @@ def test_the_last_lines_of_an_evaluation_and_its_progress(tmp_path, capsys):
     assert main(words) == 0
     shown = capsys.readouterr().out
     assert "variations  100.0 % success (1/1" in shown
-    assert "ambiguous   1 trials, which have no right or wrong outcome and are not counted" in shown
+    assert "ambiguous   1 trials, which are not counted because they have no right outcome" in shown
     run = RunFolder.open(out)
     counts = run_counts(run)
     assert (counts["variations"], counts["ambiguous"]) == ({"k": 1, "n": 1}, {"n": 1})
@@ -103,7 +103,7 @@ def test_the_last_lines_of_an_evaluation_and_its_progress(tmp_path, capsys):
 def test_power_counts_pairs_that_can_be_right_or_wrong():
     assert smallest_drop_line(plan_of("T3", "O5", trials=20)) == smallest_drop_line(plan_of("T3", trials=20))
     assert what_trials_show(plan_of("T3", "O5", trials=20)) == what_trials_show(plan_of("T3", trials=20))
-    assert smallest_drop_line(plan_of("O5", trials=20)).startswith("None tests a variation")
+    assert smallest_drop_line(plan_of("O5", trials=20)).startswith("No trial tests a variation")
     assert "1 variations" in what_trials_show(plan_of("T3", "O5", trials=20, until_decided=True))
 
 
@@ -187,4 +187,4 @@ def test_a_certificate_calls_them_neither_solved_nor_unsolved(capsys):
     certificate = Certificate(versions, "test", trials, 1.0, 1)
     assert (certificate.solved, len(certificate.ambiguous)) == (Rate(1, 2), 1)
     print_certificate(certificate)
-    assert "solves 1 of 2, 0.00 s per trial; 1 ambiguous trials cannot be solved or failed" in capsys.readouterr().out
+    assert "solves 1 of 2, 0.00 s per trial; 1 ambiguous trials have no right outcome" in capsys.readouterr().out

@@ -191,7 +191,9 @@ def test_the_doctor_prints_the_factors_and_ends_with_status_2_if_they_are_wrong(
     text = " ".join(captured.out.split())
     for expected in ("x 26.2 cm 4.00 1.00", "rx 0.00 rad hardly moves", "rz 1.49 rad 5.00 1.00", "Verdict: the conv"):
         assert expected in text
-    assert "The replayed demonstration says: the conventions of x, y, z, rz are wrong" in " ".join(captured.err.split())
+    assert "The replayed demonstration shows: the conventions of x, y, z, rz are wrong" in " ".join(
+        captured.err.split()
+    )
 
 
 def test_the_proof_has_a_json_form(tmp_path):

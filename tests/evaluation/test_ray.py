@@ -164,7 +164,7 @@ def test_a_replica_that_hangs_costs_the_trials_that_asked_it_and_is_replaced(plu
     assert "replicas of the policy died and are replaced: 1" in caplog.text
     late = [r.outcome.error for r in run.records() if r.outcome.termination == "policy_error"]
     assert 1 <= len(late) <= 2, "those in the batch that hung"
-    assert set(late) == {"the policy gave no answer within 4 s. Raise --policy-timeout."}
+    assert set(late) == {"the policy did not answer within 4 s. Raise --policy-timeout."}
 
 
 @pytest.mark.usefixtures("two_workers")
@@ -224,7 +224,7 @@ def test_a_cluster_with_other_versions_is_refused(two_workers, tiny_plan, tmp_pa
 def test_a_cluster_without_a_place_is_named(two_workers, plugin, tiny_plan, tmp_path, monkeypatch):
     monkeypatch.setattr(replicas, "PLACING_S", 2.0)
     plan = tiny_plan(f"{plugin}:Batches", trials=2)
-    with pytest.raises(InvalidInputError, match="with 7 graphics cards each find no free resources"):
+    with pytest.raises(InvalidInputError, match="replicas with 7 GPUs each"):
         evaluate(plan, tmp_path / "run", workers=1, engine="ray", cluster=Cluster(replica_gpus=7.0))
 
 

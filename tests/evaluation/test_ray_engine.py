@@ -242,7 +242,7 @@ def test_replicas_that_load_for_long_have_their_place(play):
 
 def test_replicas_without_a_place_are_counted(play):
     ray = FakeRay(Actor(loads=5 * PLACING_S), Actor(placed=NEVER))
-    with pytest.raises(InvalidInputError, match="1 of 2 replicas with 1 graphics cards each find no free resources"):
+    with pytest.raises(InvalidInputError, match="no free resources for 1 of 2 replicas with 1 GPUs each"):
         play(ray, replicas=2)
 
 

@@ -134,7 +134,7 @@ def test_a_broken_file_is_named(changed, change, error, text):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("--tasks", "fast_food"), "--tasks: --from repeats a run as it was"),
+        (("--tasks", "fast_food"), "--tasks: --from repeats a run with its own options"),
         (("--trials", "3"), "--trials: --from repeats"),
         (("--quality", "high"), "--quality: --from repeats"),
     ],
@@ -148,7 +148,7 @@ def test_what_the_run_has_answered_is_not_asked_again(uninterrupted, tmp_path, c
 def test_a_policy_or_a_run_has_to_be_named(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["eval", "--tasks", "fast_food"]) == 2
-    assert "--policy: no policy is named" in capsys.readouterr().err.replace("\n", " ")
+    assert "--policy: no policy is given" in capsys.readouterr().err.replace("\n", " ")
     assert not list(tmp_path.iterdir())
 
 

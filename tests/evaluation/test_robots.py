@@ -80,7 +80,11 @@ def test_a_client_with_another_robot_is_told_both():
 @pytest.mark.parametrize(
     ("name", "layout", "text"),
     [
-        ("so101", "openpi_libero", "answers in 'ee_delta', and the SO-101 follower arm is served in 'so101_degrees'"),
+        (
+            "so101",
+            "openpi_libero",
+            "uses the action space 'ee_delta', but the SO-101 follower arm is served in 'so101_degrees'",
+        ),
         ("so100", None, "Did you mean 'so101'"),
     ],
 )
@@ -188,7 +192,7 @@ def test_the_native_layout_has_the_joints_of_the_robot(name):
 def test_the_packaged_certificate_is_not_replaced_by_one_of_another_robot(capsys, tmp_path):
     assert main(["certify", "--tasks", "fruit_basket", "--write-package", "--out", str(tmp_path / "made")]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "one of 'panda', and these tasks are laid out for 'so101'" in said
+    assert "for robot 'panda', but these tasks are laid out for 'so101'" in said
 
 
 def test_a_layout_of_another_robots_actions_is_refused():

@@ -112,7 +112,7 @@ def test_a_policy_that_breaks_down_does_so_at_its_step_and_not_earlier():
         while len(given) < shadow.step_limit:
             given.extend(shadow.actions(len(given), 64))
 
-    with pytest.raises(PolicyError, match="RuntimeError: this faulty policy fails on purpose"):
+    with pytest.raises(PolicyError, match="RuntimeError: this faulty policy raises an error on purpose"):
         play()
     with pytest.raises(RuntimeError):
         watch("zoo:crash", len(given) + 1)

@@ -358,14 +358,14 @@ def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_pat
 @pytest.mark.parametrize("envs", [1, 2])
 def test_a_policy_that_hangs_ends_its_own_trial_and_gets_a_new_process(plugin, tiny_plan, tmp_path, envs):
     run = evaluate(tiny_plan(f"{plugin}:Hangs", trials=3), tmp_path / "run", envs=envs, policy_timeout_s=2.0)
-    reason = "the policy gave no answer within 2 s. Raise --policy-timeout."
+    reason = "the policy did not answer within 2 s. Raise --policy-timeout."
     assert outcomes(run) == {0: OVER, 1: (8, reason), 2: OVER}
 
 
 def test_a_batch_that_hangs_costs_no_trial_that_waited_behind_it(plugin, tiny_plan, tmp_path):
     run = evaluate(tiny_plan(f"{plugin}:HangingBatch", trials=3), tmp_path / "run", envs=3, policy_timeout_s=2.0)
     ends = list(outcomes(run).values())
-    assert any("gave no answer within 2 s" in reason for _, reason in ends)
+    assert any("did not answer within 2 s" in reason for _, reason in ends)
     assert (40, OVER[1]) in ends, "another instance answers the others"
 
 
@@ -576,7 +576,7 @@ def test_a_host_whose_policy_hangs_is_replaced_and_later_trials_are_not_harmed(p
     told = [error for _, error in outcomes(run).values()]
     late = [error for error in told if error]
     assert 1 <= len(late) <= 2, "those in the batch that hung"
-    assert set(late) == {"the policy gave no answer within 4 s. Raise --policy-timeout."}
+    assert set(late) == {"the policy did not answer within 4 s. Raise --policy-timeout."}
     assert [e.status for e in run.entries()] == ["done"] * 6
 
 

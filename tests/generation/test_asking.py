@@ -291,7 +291,7 @@ def test_a_replay_gives_the_same_bytes_without_the_model(tmp_path):
     for name in ("exchanges.jsonl", *(f"scenarios/{path.name}" for path in made.files.values())):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
     more = GenerateSettings("loose_packing", 3, replay=tmp_path / "out/exchanges.jsonl")
-    with pytest.raises(ModelError, match="no answer for scenario 3, try 1"):
+    with pytest.raises(ModelError, match="no answer to scenario 3, try 1"):
         generate_scenarios(more, tmp_path / "more")
 
 

@@ -98,7 +98,7 @@ def test_a_number_asks_for_several():
         ("Stack the three plates, the blue one on top", "no noun in 'the blue one'.*'the blue plate'"),
         (
             "Hide the sponge and the two black staplers in the lower drawer",
-            "names 3 objects for the group 'items' .sponge, black stapler, black stapler.. Name at most 2",
+            "has 3 objects for the group 'items' .sponge, black stapler, black stapler.. Use at most 2",
         ),
         ("Lege den roten Apfel in die Brotdose", "in English"),
         ("Put banana and apple into the box", "Unknown object 'banana'"),
@@ -110,7 +110,7 @@ def test_a_number_asks_for_several():
         ("  ", "has 0 characters"),
         (
             "Pack the apple, the lemon, the orange, the burger and the fries into the box",
-            "names 5 objects for the group 'items'.*at most 4",
+            "has 5 objects for the group 'items'.*at most 4",
         ),
     ],
 )

@@ -92,7 +92,7 @@ def test_different_categories_come_before_different_colors(template):
 def test_all_scenarios_of_a_template_can_be_written_and_no_more():
     count = distinct_goals("recursive_stacking")
     assert len(write_scenarios("recursive_stacking", count)) == count
-    with pytest.raises(InvalidInputError, match=f"holds {count} different scenarios .*, not {count + 1}"):
+    with pytest.raises(InvalidInputError, match=f"has {count} different scenarios .*, not {count + 1}"):
         write_scenarios("recursive_stacking", count + 1)
     with pytest.raises(InvalidInputError, match="--num"):
         write_scenarios("recursive_stacking", 0)

@@ -181,17 +181,17 @@ def test_a_file_has_the_same_quotas_as_the_options() -> None:
 @pytest.mark.parametrize(
     ("until", "quotas", "said"),
     [
-        (10, ["template=loose_packing:60%", "template=patterned_arrangement:50%"], "need 11 tasks, and there are 10"),
+        (10, ["template=loose_packing:60%", "template=patterned_arrangement:50%"], "need 11 tasks, but there are only 10"),
         (10, ["context=kitchen:6", "context=pantry:5"], "need 11 tasks"),
         (10, ["axis=temporal:60%", "axis=spatial:50%"], "need 110% of the variations"),
         (10, ["template=loose_packing:1", "template=loose_packing:2"], "is given 2 times"),
         (3, ["template=loose_packing:10%-20%"], "at least 1 and at most 0"),
-        (10, ["difficulty=easy:0-3", "difficulty=medium:0-3", "difficulty=hard:0-3"], "allow 9 tasks"),
-        (40, ["template=recursive_stacking:20"], "the grammar has 1 different goals for it"),
+        (10, ["difficulty=easy:0-3", "difficulty=medium:0-3", "difficulty=hard:0-3"], "allow only 9 tasks"),
+        (40, ["template=recursive_stacking:20"], "the grammar has only 1 different goals for it"),
         (10, ["context=kitchn:1"], "Did you mean 'kitchen'"),
         (10, ["axis=recomposition:90%"], "at most"),
         (9_000, [], "the grammar has"),
-        (10, ["template=loose_packing:0-0", "context=picnic:1"], "the grammar has 0 different goals"),
+        (10, ["template=loose_packing:0-0", "context=picnic:1"], "the grammar has only 0 different goals"),
     ],
 )
 def test_contradictions_are_found_before_any_work(until: int, quotas: list[str], said: str) -> None:

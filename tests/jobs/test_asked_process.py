@@ -70,7 +70,7 @@ def test_an_answer_that_is_sent_twice_is_left_out_and_one_that_nobody_asked_for_
     time.sleep(0.1)
     assert not child.waits, "it has sent more than it was asked"
     assert child.ask({"do": "double"}, {}, limit_s=60.0) == ({"done": True}, {})
-    with pytest.raises(FrameError, match="the number 99 instead of 3"):
+    with pytest.raises(FrameError, match="expected frame number 3, got 99"):
         child.ask({"do": "early"}, {}, limit_s=60.0)
 
 

@@ -176,14 +176,20 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ({"instruction": {"key": ["a", ""]}}, "a key is empty"),
         ({"states": [{"key": "prompt", "parts": ["step"]}]}, "two entries use the key 'prompt'"),
         ({"answer": {"space": "ee_delt"}}, "Did you mean 'ee_delta'"),
-        ({"answer": {"parts": [{"key": "a", "kind": "translation"}]}}, "ee_delta needs gripper, rotation, translation"),
-        ({"answer": {"parts": [{"key": "a", "kind": "action", "size": 6}]}}, "6 columns, and 7 are needed"),
+        (
+            {"answer": {"parts": [{"key": "a", "kind": "translation"}]}},
+            "ee_delta needs each of gripper, rotation, translation",
+        ),
+        ({"answer": {"parts": [{"key": "a", "kind": "action", "size": 6}]}}, "expected 7 columns, got 6"),
         ({"answer": {"parts": [{"key": "a", "kind": "unused"}]}}, "the number of columns is missing"),
         ({"answer": {"translation_unit_m": 0.0}}, "translation_unit_m: 0 is out of range"),
-        ({"answer": {"parts": [{"key": p.key[0], "kind": p.kind} for p in AXES[1:]]}}, "ee_delta needs gripper"),
+        (
+            {"answer": {"parts": [{"key": p.key[0], "kind": p.kind} for p in AXES[1:]]}},
+            "ee_delta needs each of gripper",
+        ),
         (
             {"answer": {"parts": [{"key": p.key[0], "kind": p.kind} for p in (*AXES, TWIST[0])]}},
-            "translation, once",
+            "translation once",
         ),
         (
             {"answer": {"rotation": "matrix", "parts": [{"key": p.key[0], "kind": p.kind} for p in AXES]}},
@@ -419,7 +425,7 @@ def test_chunks_of_different_lengths_are_refused():
 
 
 def test_a_reply_that_is_no_map_is_refused():
-    with pytest.raises(PolicyError, match="the reply is a list"):
+    with pytest.raises(PolicyError, match="expected a map with actions as reply, got list"):
         OPENPI_LIBERO.actions([1], seen())
 
 
@@ -458,19 +464,19 @@ def test_malformed_changes_are_one_clear_line():
         ("preset=openpi_libero&ee_offset=1,2,nan", "ee_offset_m"),
         ("preset=openpi_libero&gripper=close_positve", "Did you mean 'close_positive'"),
         ("preset=openpi_libero&camera.observation/imag=front", "Did you mean 'observation/image'"),
-        ("preset=openpi_libero&action_space=joint_delta", "joint_delta needs gripper, joints"),
+        ("preset=openpi_libero&action_space=joint_delta", "joint_delta needs each of gripper, joints"),
         ("preset=openpi_libero&adapter=x.json", "both a preset and an adapter"),
         ("adapter=no_such_file.json", "cannot be read"),
         ("preset=openpi", "Did you mean 'openpi_"),
-        ("preset=native&gripper=open_positive", "whole actions"),
-        ("preset=native&rotation=rpy", "whole actions"),
-        ("preset=native&units=physical", "whole actions"),
-        ("preset=native&frame=tool", "whole actions"),
+        ("preset=native&gripper=open_positive", "complete actions"),
+        ("preset=native&rotation=rpy", "complete actions"),
+        ("preset=native&units=physical", "complete actions"),
+        ("preset=native&frame=tool", "complete actions"),
         ("preset=openpi_droid&rotation=rpy", "rotation has no effect for joint_delta"),
         ("preset=openpi_droid&units=physical", "units has no effect for joint_delta"),
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
-        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid has no position of the end effector"),
-        ("preset=native&ee_offset=1,2,3", "the native layout is in the frame of the robot's base"),
+        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid does not contain the end-effector position"),
+        ("preset=native&ee_offset=1,2,3", "the native layout uses the frame of the robot's base"),
     ]:
         with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
             parse(query)

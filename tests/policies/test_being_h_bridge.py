@@ -161,7 +161,7 @@ def test_tensors_are_sent_as_arrays(bridged):
 def test_a_key_is_asked_for(bridged, monkeypatch):
     word = "open-sesame"
     port = bridged(Fake(), api_key=word)
-    with pytest.raises(HandshakeError, match="refuses this client"):
+    with pytest.raises(HandshakeError, match="rejects this client"):
         make_policy(address(port))
     monkeypatch.setenv("BRIDGE_KEY", word)
     with contextlib.closing(make_policy(f"{address(port)}&api_key_env=BRIDGE_KEY")) as client:

@@ -51,7 +51,9 @@ def test_a_step_that_is_not_registered_is_refused(tmp_path, step):
 
 def test_a_tokenizer_of_another_repository_is_refused(tmp_path):
     step = {"registry_name": "action_tokenizer_processor", "config": {"action_tokenizer_name": "evil/fast"}}
-    with pytest.raises(InvalidInputError, match=r"action_tokenizer_name in step 1 .*'evil/fast' and not 'physical-int"):
+    with pytest.raises(
+        InvalidInputError, match=r"action_tokenizer_name in step 1 .*'evil/fast' instead of 'physical-int"
+    ):
         require_no_code(CONFIG, files(tmp_path, step), "policy p")
     for name in ("action_tokenizer_name", "action_tokenizer_path", "text_tokenizer_name", "tokenizer_assets_repo"):
         with pytest.raises(InvalidInputError, match=f"its {name} is './here'"):
@@ -62,9 +64,9 @@ def test_a_tokenizer_of_another_repository_is_refused(tmp_path):
     ("text", "problem"),
     [
         ("{", "cannot be read"),
-        ("[]", "no list of steps"),
-        ('{"steps": {}}', "no list of steps"),
-        ('{"steps": [1]}', "no list of steps"),
+        ("[]", "does not contain a list of steps"),
+        ('{"steps": {}}', "does not contain a list of steps"),
+        ('{"steps": [1]}', "does not contain a list of steps"),
         ('{"steps": [], "steps": [{"class": "os.system"}]}', "is given twice"),
         ("[" * 100_000, "nested too deep"),
     ],

@@ -190,7 +190,7 @@ def test_one_action_and_a_chunk_with_a_batch_are_read(answer):
             "preset=dexbotic_cogact",
             r"needs slot 2 \(left_wrist\), the adapter sends slot 1; state: the model needs",
         ),
-        ({"action_spec": {"action_dim": 14}}, "preset=dexbotic", "answers 14 numbers, the adapter reads 7"),
+        ({"action_spec": {"action_dim": 14}}, "preset=dexbotic", "returns 14 numbers, the adapter reads 7"),
         ({"vla": False}, "preset=dexbotic", "generates text instead of actions"),
         ({}, "preset=openvla", "the adapter sends no image"),
     ],
@@ -211,7 +211,10 @@ def test_odd_capabilities_declare_nothing(odd):
 
 @pytest.mark.parametrize("odd", [[], "x", 3])
 def test_capabilities_that_are_not_a_map_are_refused(odd):
-    with Server(capabilities=odd) as server, pytest.raises(HandshakeError, match="not a map") as caught:
+    with (
+        Server(capabilities=odd) as server,
+        pytest.raises(HandshakeError, match="expected its capabilities as a map") as caught,
+    ):
         server.client()
     assert "\n" not in str(caught.value)
 
@@ -227,7 +230,7 @@ def test_capabilities_that_are_not_a_map_are_refused(odd):
             HandshakeError,
             r"no POST /v1/infer .*releases .* /process_frame",
         ),
-        ({}, "/process_frame", "preset=openvla", PolicyError, "/process_frame takes the layout of preset dexbotic"),
+        ({}, "/process_frame", "preset=openvla", PolicyError, "/process_frame requires the layout of preset dexbotic"),
     ],
 )
 def test_faults_are_one_clear_line(options, path, query, error, text):
@@ -257,5 +260,5 @@ def test_a_template_is_written_read_and_stored():
     message = adapter.request(seen())
     assert read_layout_request(message, adapter).instruction == "pack the apple"
     for bad in ("", "say it", "{} and {}"):
-        with pytest.raises(InvalidInputError, match=r"template.*Write \{\} into it once"):
+        with pytest.raises(InvalidInputError, match=r"template.*Write \{\} once in the template"):
             InstructionRule(("prompt",), template=bad)

@@ -491,19 +491,22 @@ def test_a_policy_with_history_is_not_asked_ahead(client, option):
     [
         (
             modalities(video=("ego_view",)),
-            "video: the server wants ego_view, this side gives front, wrist",
+            "video: the server wants ego_view, the adapter sends front, wrist",
         ),
-        (modalities(video=("front",)), "video: the server wants front, this side gives front, wrist"),
-        (modalities(state=("joints",)), "state: the server wants joints, this side gives ee_position, ee_rotation"),
+        (modalities(video=("front",)), "video: the server wants front, the adapter sends front, wrist"),
+        (modalities(state=("joints",)), "state: the server wants joints, the adapter sends ee_position, ee_rotation"),
         (
             modalities(action=modality(["single_arm", "gripper"], range(16))),
-            "action: the server answers gripper, single_arm, this side reads ee_position, ee_rotation, gripper",
+            "action: the server answers gripper, single_arm, the adapter reads ee_position, ee_rotation, gripper",
         ),
-        (modalities(language=modality(["a", "b"])), "language: the server needs a, b, this side gives one instruction"),
+        (
+            modalities(language=modality(["a", "b"])),
+            "language: the server needs a, b, the adapter sends one instruction",
+        ),
         (modalities(steps=(0, 1)), r"needs video at the steps \[0, 1\]"),
         (modalities(steps=(0, -1)), r"needs video at the steps \[0, -1\]"),
-        ({**modalities(), "state": 3}, "without modality configs"),
-        ([1, 2], "without modality configs"),
+        ({**modalities(), "state": 3}, "contains no modality configs"),
+        ([1, 2], "contains no modality configs"),
     ],
 )
 def test_other_modalities_stop_with_both_sides_named(client, declared, text):
@@ -564,7 +567,7 @@ def reply(**changes):
 @pytest.mark.parametrize(
     ("answer", "text"),
     [
-        (b"ERROR", "answers get_action with an error without a message"),
+        (b"ERROR", "reports an error for get_action without a message"),
         ({"error": "Traceback:\n  File x\nKeyError: 'front'"}, "reports an error: KeyError: 'front'"),
         ({"error": "Video key 'front' must have shape (B, T=2, H, W, C)"}, "must have shape"),
         ({"error": ""}, "reports an error: no message"),
@@ -579,13 +582,13 @@ def reply(**changes):
         ([{}, {}], "the reply has no action"),
         ([{"grip\nper": array(np.zeros((1, 8, 1)))}, {}], "It has: grip per"),
         ([{"x" * 1000: 1}, {}], r"the action 'x{40}….* is not an array"),
-        ([None, {}], "get_action with a list instead of actions"),
-        ("actions", "get_action with a str instead of actions"),
+        ([None, {}], "expected actions in reply to get_action, got list"),
+        ("actions", "expected actions in reply to get_action, got str"),
         (b"", "cannot be read"),
         (b"\xc1 garbage", "cannot be read"),
         (msgpack.packb(chunk())[:-20], "cannot be read"),
         ([{"gripper": {"__ndarray_class__": True, "as_npy": b"\x93NUMPY\x01\x00\xff\xff"}}, {}], "cannot be read"),
-        ((b"two", b"frames"), "answered with 2 frames"),
+        ((b"two", b"frames"), "sent 2 frames instead of one"),
     ],
 )
 def test_bad_answers_end_the_trial_with_a_reason_and_the_next_one_is_asked(client, answer, text):
@@ -796,9 +799,9 @@ def test_a_server_that_ignores_the_rest_is_told_once(client, caplog, keeps, told
     ("options", "text"),
     [
         ("rtc_frozen_steps=2", "rtc_frozen_steps has no effect without rtc_overlap_steps"),
-        ("rtc_overlap_steps=0", "0 frozen steps are not among 0 steps of overlap"),
-        ("rtc_overlap_steps=2&rtc_frozen_steps=3", "3 frozen steps are not among 2"),
-        ("rtc_overlap_steps=2&horizon=8&ahead=3", "3 frozen steps are not among 2"),
+        ("rtc_overlap_steps=0", "0 frozen steps do not fit into an overlap of 0 steps"),
+        ("rtc_overlap_steps=2&rtc_frozen_steps=3", "3 frozen steps do not fit into an overlap of 2"),
+        ("rtc_overlap_steps=2&horizon=8&ahead=3", "3 frozen steps do not fit into an overlap of 2"),
         ("rtc_overlap_steps=2.5", "must be a whole number"),
         ("rtc_overlap_steps=2&layout=flat", "layout=flat has no entry for a chunk"),
         ("rtc_overlap_steps=2&ensemble=0.01", "chunks cannot be averaged"),

@@ -114,7 +114,7 @@ def toy(monkeypatch):
 
 
 def test_a_second_kind_of_the_same_name_is_refused(toy):
-    with pytest.raises(ValueError, match="another kind of policies has the name 'toy'"):
+    with pytest.raises(ValueError, match="another policy kind has the name 'toy'"):
         register(PolicyKind(form=toy.form, shown="toy:NAME", summary="Another.", needs=AT_ONCE))
 
 
@@ -137,13 +137,13 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
         ("toy:a?turns=", "turns has no value. Give the turns as turns=VALUE, or omit turns"),
         ("toy:a?turns", "its options cannot be read"),
         ("toy:", "nothing follows the colon. Write toy:NAME"),
-        ("toi:a", "Unknown kind of policy 'toi'. Did you mean 'toy'"),
+        ("toi:a", "Unknown policy kind 'toi'. Did you mean 'toy'"),
         ("toy", "Unknown policy 'toy'"),
-        ("noop?speed=1", "noop takes no options. Write noop"),
+        ("noop?speed=1", "noop does not take options. Write noop"),
         ("noop:x", "Unknown policy 'noop:x'"),
         ("zoo:lexical?sterngth=0.5", "Unknown option of zoo 'sterngth'. Did you mean 'strength'"),
-        ("replay:", "no run was named"),
-        ("python:mine.py", "the address names no class"),
+        ("replay:", "no run is given"),
+        ("python:mine.py", "the class name is missing from the address"),
     ],
 )
 @pytest.mark.usefixtures("toy")

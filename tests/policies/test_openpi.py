@@ -320,9 +320,7 @@ def test_a_bare_array_is_the_actions_as_vllm_omni_sends_them(observation):
     with (
         Server([msgpack.packb(array(CHUNK_VALUES))]) as server,
         client(server, "preset=being_h_libero&timeout=5") as policy,
-        pytest.raises(
-            PolicyError, match=r"answers with an array, but adapter being_h_libero reads action\.eef_position, "
-        ),
+        pytest.raises(PolicyError, match=r"returns an array, but adapter being_h_libero reads action\.eef_position, "),
     ):
         policy.act(observation)
 
@@ -395,7 +393,7 @@ def test_a_bare_array_is_continued_too(observation):
 
 
 def test_several_arrays_are_not_continued():
-    with pytest.raises(InvalidInputError, match=r"delay needs one\. Leave it out"):
+    with pytest.raises(InvalidInputError, match=r"delay needs a single action array, .* Leave out delay"):
         make_policy("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
 
 
@@ -451,7 +449,7 @@ def test_the_space_of_a_native_server_is_taken_over():
         policy = make_policy(server.address)
         try:
             assert policy.info.action_space == "joint_delta"
-            with pytest.raises(HandshakeError, match=r"'ee_delta'.*answers in 'joint_delta'"):
+            with pytest.raises(HandshakeError, match=r"'ee_delta'.*returns actions in 'joint_delta'"):
                 policy.reset(START)
         finally:
             policy.close()
@@ -467,9 +465,9 @@ def test_the_space_of_a_native_server_is_taken_over():
         ({"protocol": 2}, "", "version 2"),
         ({"action_space": {"name": "x"}}, "", "cannot be read"),
         ({"action_space": 3}, "", "action_space: is not a JSON object"),
-        ({"execution": {"horizon": 0}}, "", "an execution that is not possible .*must be"),
-        ({"execution": {"speed": 2}}, "", "an execution that cannot be read"),
-        ({"execution": {"horizon": True}}, "", "an execution that cannot be read"),
+        ({"execution": {"horizon": 0}}, "", "an impossible execution of chunks .*must be"),
+        ({"execution": {"speed": 2}}, "", "its declared execution of chunks cannot be read"),
+        ({"execution": {"horizon": True}}, "", "its declared execution of chunks cannot be read"),
     ],
 )
 def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
@@ -483,7 +481,7 @@ def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
 def test_the_run_is_compared_before_it_starts():
     with Server() as server, client(server) as policy:
         policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
-        with pytest.raises(HandshakeError, match=r"the run says 'ee_pose'.*answers in 'ee_delta'"):
+        with pytest.raises(HandshakeError, match=r"the run says 'ee_pose'.*returns actions in 'ee_delta'"):
             policy.check(space="ee_pose", observation=observation_spec("default"), rate_hz=20.0)
         with pytest.raises(HandshakeError, match=r"needs front, wrist .* the run renders none"):
             policy.check(space="ee_delta", observation=observation_spec("state_only"), rate_hz=20.0)
@@ -712,7 +710,7 @@ def test_keys_come_from_the_environment(monkeypatch, observation):
         with client(server, "preset=openpi_libero&api_key_env=OUR_KEY") as policy:
             policy.act(observation)
             assert "s3cret" not in str(policy.info)
-        with pytest.raises(HandshakeError, match=r"refuses this client .HTTP 401.*api_key_env"):
+        with pytest.raises(HandshakeError, match=r"rejects this client .HTTP 401.*api_key_env"):
             make_policy(f"{server.address}?preset=openpi_libero")
     monkeypatch.delenv("OUR_KEY")
     with pytest.raises(InvalidInputError, match="OUR_KEY contains no key"):

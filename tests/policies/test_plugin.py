@@ -194,7 +194,7 @@ def test_addresses_that_mean_nothing_are_refused(address):
 @pytest.mark.parametrize("address", ["expert", "zoo:halt", "random"])
 def test_both_sides_of_a_convention_are_compared(address):
     check_policy(address, action_space="ee_delta")
-    with pytest.raises(InvalidInputError, match="answers in 'ee_delta', the run uses 'ee_pose'"):
+    with pytest.raises(InvalidInputError, match="returns actions in 'ee_delta', but the run uses 'ee_pose'"):
         check_policy(address, action_space="ee_pose")
 
 

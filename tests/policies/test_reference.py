@@ -82,7 +82,7 @@ def test_the_reference_policies_answer_in_the_usual_space_of_every_robot(policy,
 
 
 def test_random_says_where_it_does_not_walk():
-    with pytest.raises(InvalidInputError, match="random answers in 'ee_delta', the run uses 'ee_pose'"):
+    with pytest.raises(InvalidInputError, match="random returns actions in 'ee_delta', but the run uses 'ee_pose'"):
         check_policy("random", action_space="ee_pose")
 
 
@@ -180,7 +180,7 @@ def test_replay_refuses_a_missing_record_and_another_action_space(recorded):
 
 
 def test_replay_needs_a_run(tmp_path):
-    with pytest.raises(InvalidInputError, match="no run was named"):
+    with pytest.raises(InvalidInputError, match="no run is given"):
         Replay("", task="t", condition="c", base="b", seed=0)
     with pytest.raises(RecordError, match="contains no run"):
         Replay(str(tmp_path), task="t", condition="c", base="b", seed=0)

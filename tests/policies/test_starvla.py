@@ -240,7 +240,7 @@ def test_the_run_is_compared_before_it_starts(client):
         ("Traceback:\n  File x\nKeyError: 'image'", "reports an error: KeyError: 'image'"),
         ("", "reports an error: no message"),
         (lambda r: answer({**r, "request_id": "somebody-else"}), "answered request betterbench-1 with 'somebody-else'"),
-        (lambda r: answer(r, normalized_actions=array(np.zeros((1, 8, 7)))), "answers with normalized actions"),
+        (lambda r: answer(r, normalized_actions=array(np.zeros((1, 8, 7)))), "returns normalized actions"),
         (lambda r: answer(r, action=array(np.zeros((1, 8, 7)))), "the reply has no 'actions'. It has: action"),
         (
             lambda r: answer(r, actions=array(np.zeros((8, 7)))),
@@ -259,7 +259,7 @@ def test_the_run_is_compared_before_it_starts(client):
             "reports an error: no message",
         ),
         (lambda r: answer({**r, "request_id": array(np.ones(2))}), r"answered request betterbench-1 with '\[1. 1.\]'"),
-        (lambda _: msgpack.packb([1]), "sent a list"),
+        (lambda _: msgpack.packb([1]), "expected a map, got list"),
         (lambda _: b"\xc1", "cannot be read"),
     ],
 )

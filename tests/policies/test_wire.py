@@ -284,9 +284,9 @@ def openpi_array(change):
 
 def test_arrays_that_lie_are_refused():
     for change, text in [
-        ({b"shape": [3]}, "does not take 8 bytes"),
-        ({b"shape": [1]}, "does not take 8 bytes"),
-        ({b"shape": [2**32, 2**32]}, "does not take"),
+        ({b"shape": [3]}, "8 bytes do not match"),
+        ({b"shape": [1]}, "8 bytes do not match"),
+        ({b"shape": [2**32, 2**32]}, "do not match"),
         ({b"shape": [-2]}, "not a list of integers"),
         ({b"shape": [2.0]}, "not a list of integers"),
         ({b"shape": [True, 2]}, "not a list of integers"),
@@ -301,10 +301,10 @@ def test_arrays_that_lie_are_refused():
         ({b"dtype": "f4,f4"}, "not a plain number"),
         ({b"dtype": "<f4\n"}, "not a plain number"),
         ({b"dtype": 3}, "not a plain number"),
-        ({b"dtype": "<U0"}, "does not take"),
+        ({b"dtype": "<U0"}, "do not match"),
         ({b"dtype": "<U2", b"data": b"\xff" * 8, b"shape": [1]}, "a string in an array has invalid characters"),
-        ({b"data": "text"}, "data of an array are a str"),
-        ({b"data": None}, "data of an array are a NoneType"),
+        ({b"data": "text"}, "expected array data as bytes, got str"),
+        ({b"data": None}, "expected array data as bytes, got NoneType"),
     ]:
         with pytest.raises(PolicyError, match=text):
             decode_openpi(openpi_array(change))
@@ -349,19 +349,19 @@ def png(width, height):
 
 def test_images_that_lie_are_refused_before_they_are_decompressed():
     for data, shape, coding, text in [
-        (png(60_000, 60_000), [60_000, 60_000, 3], "png", "an image has the shape"),
+        (png(60_000, 60_000), [60_000, 60_000, 3], "png", "expected an image of shape"),
         (png(60_000, 60_000), [8, 8, 3], "png", "cannot be read"),
         (png(12_000, 12_000), [8, 8, 3], "png", "cannot be read"),
-        (png(6_000, 6_000), [8, 8, 3], "png", r"holds \(6000, 6000\) of mode RGB"),
-        (png(8, 8), [8, 9, 3], "png", r"holds \(8, 8\)"),
-        (png(8, 8), [8, 8, 4], "png", "holds .* of mode RGB"),
+        (png(6_000, 6_000), [8, 8, 3], "png", r"its file is \(6000, 6000\) in mode RGB"),
+        (png(8, 8), [8, 9, 3], "png", r"its file is \(8, 8\)"),
+        (png(8, 8), [8, 8, 4], "png", "its file is .* in mode RGB"),
         (png(8, 8), [8, 8, 3], "jpeg", "cannot be read"),
-        (png(8, 8), [8, 8, 3], "tiff", "the format 'tiff'"),
-        (png(8, 8), [8, 8], "png", "an image has the shape"),
+        (png(8, 8), [8, 8, 3], "tiff", "got 'tiff'"),
+        (png(8, 8), [8, 8], "png", "expected an image of shape"),
         (png(8, 8), None, "png", "no shape"),
         (png(8, 8)[:40], [8, 8, 3], "png", "cannot be read"),
         (b"GIF89a" + b"\x00" * 50, [8, 8, 3], "png", "cannot be read"),
-        ("text", [8, 8, 3], "png", "its data are a str"),
+        ("text", [8, 8, 3], "png", "as str"),
     ]:
         frame = msgpack.packb({"__image__": True, "format": coding, "data": data, "shape": shape})
         tracemalloc.start()
@@ -407,7 +407,7 @@ def test_frames_that_lie_are_one_clear_line(dialect, frame, text):
 
 def test_a_frame_that_is_too_large_is_not_read(monkeypatch):
     monkeypatch.setattr(wire, "MAX_FRAME_BYTES", 100)
-    with pytest.raises(PolicyError, match="more than 100 bytes"):
+    with pytest.raises(PolicyError, match="larger than 100 bytes"):
         decode_openpi(encode_openpi({"a": b"\x00" * 200}))
 
 

@@ -259,7 +259,7 @@ def test_ensembling_of_the_checkpoint_becomes_ours(tmp_path):
 @pytest.mark.parametrize("space", ["joint_position", "joint_delta", "ee_pose"])
 def test_eight_numbers_mean_what_the_address_says(tmp_path, space):
     folder = save(act_config(**features(action=8)), tmp_path / "eight")
-    with pytest.raises(InvalidInputError, match="their meaning is not known"):
+    with pytest.raises(InvalidInputError, match="the meaning of the"):
         make_policy(f"lerobot:{folder}")
     policy = make_policy(f"lerobot:{folder}?action_space={space}&state=joints")
     assert policy.info.action_space == space
@@ -318,7 +318,7 @@ def test_threads_do_not_disturb_each_other(diffusion):
 
 
 def test_its_chunks_are_its_own_business(diffusion):
-    with pytest.raises(InvalidInputError, match="Leave horizon out"):
+    with pytest.raises(InvalidInputError, match="Leave out horizon"):
         make_policy(f"lerobot:{diffusion}?horizon=4")
 
 
@@ -355,8 +355,8 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     ("given", "text"),
     [
         (features(state=14), "its observation.state has 14 numbers"),
-        (features(cameras=("top",)), r"the camera for observation.images.top is not known.*camera.observation"),
-        (features(cameras=("wrist", "hand")), "would all get the camera wrist"),
+        (features(cameras=("top",)), r"the camera for observation.images.top is unknown.*camera.observation"),
+        (features(cameras=("wrist", "hand")), "the camera wrist would be used for each of"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
             "environment_state' is ENV",
@@ -388,7 +388,9 @@ def planted(folder):
 
 def test_code_that_a_checkpoint_names_is_run_only_if_it_is_trusted(act, tmp_path):
     folder = changed(act, tmp_path, planted)
-    with pytest.raises(InvalidInputError, match=r"loading it runs code that the checkpoint chooses.*trust=true"):
+    with pytest.raises(
+        InvalidInputError, match=r"loading it would run code chosen by the checkpoint's author.*trust=true"
+    ):
         make_policy(f"lerobot:{folder}")
     assert not (folder / "was_run").exists()
     with pytest.raises(InvalidInputError, match="LeRobot cannot load it"):  # os.system makes no step
@@ -409,9 +411,9 @@ def claims(**fields):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: (f / "policy_preprocessor.json").unlink(), "its normalization is not known"),
+        (lambda f: (f / "policy_preprocessor.json").unlink(), "the normalization is unknown"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
-        (lambda f: (f / "config.json").write_text("[]"), "does not name a policy type"),
+        (lambda f: (f / "config.json").write_text("[]"), "has no policy type"),
         (
             lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'),
             "type 'no_such_type' is not known to LeRobot",
@@ -420,12 +422,12 @@ def claims(**fields):
         (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
         (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
         (planted, "step 0 of policy_postprocessor.json names the class 'os.system'"),
-        (claims(dim_model=20_000), r"a network of more than [\d,]+ parameters, but the file of its weights has"),
+        (claims(dim_model=20_000), r"a network with more than [\d,]+ parameters, but the weights file has only"),
         (claims(dim_feedforward=10**12), "LeRobot cannot load it"),
-        (claims(n_encoder_layers=10**9), r"a network of more than [\d,]+ parameters"),
+        (claims(n_encoder_layers=10**9), r"a network with more than [\d,]+ parameters"),
         (
             claims(dim_model=2, dim_feedforward=1, n_encoder_layers=10**9),
-            "a network of more than 100,000 weight tensors",
+            "a network with more than 100,000 weight tensors",
         ),
         (claims(chunk_size=10**9), "chunk_size of its config.json is 1000000000, expected at most 4096"),
     ],
@@ -646,7 +648,7 @@ def test_an_extra_that_this_release_lacks_is_not_advised(act, tmp_path, monkeypa
 @pytest.mark.parametrize("kind", ["sarm", "reward_classifier"])
 def test_a_reward_model_is_not_a_policy(act, tmp_path, kind):
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text(json.dumps({"type": kind})))
-    with pytest.raises(InvalidInputError, match=f"{kind}, a reward model without actions"):
+    with pytest.raises(InvalidInputError, match=f"{kind} is a reward model, which does not return actions"):
         make_policy(f"lerobot:{folder}")
 
 

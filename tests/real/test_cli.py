@@ -34,7 +34,7 @@ def test_a_plan_is_written_and_its_state_shown(tmp_path, capsys):
     ("arguments", "says"),
     [
         (["plan", "--out", "x", "--policies", "openpi"], "--policies: 'openpi' is not NAME=ADDRESS"),
-        (["plan", "--out", "x", "--policies", "a=zoom:lexical"], "Unknown kind of policy 'zoom'"),
+        (["plan", "--out", "x", "--policies", "a=zoom:lexical"], "Unknown policy kind 'zoom'"),
         (["plan", "--out", "x", "--policies", "a=noop", "--conditions", "O77"], "O77"),
         (["plan", "--out", "x", "--policies", "a=noop", "--trials", "0"], "--trials: 0 is out of range"),
         (["status", "nowhere"], "plan.json: not found"),

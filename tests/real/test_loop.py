@@ -212,7 +212,9 @@ def test_policies_that_cannot_run_on_an_arm_are_refused(tmp_path):
         RealPolicies(plan, ("front",))
     bench = Bench(tmp_path)
     info = bench.policies.get("a").info
-    with pytest.raises(InvalidInputError, match="answers in 'so101_degrees', the run uses 'so101_normalized'"):
+    with pytest.raises(
+        InvalidInputError, match="returns actions in 'so101_degrees', but the run uses 'so101_normalized'"
+    ):
         check_real_policy("a", info, make_plan(plan.policies, conditions=["O1"], unit="normalized").action_space, ())
     from dataclasses import replace
 

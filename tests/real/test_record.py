@@ -232,7 +232,7 @@ def test_a_changed_journal_is_refused_and_a_torn_line_is_not(folder, codes):
     path.write_bytes(b"".join(lines) + b'{"event": "beg')
     assert len(read_run(folder).trials) == 2
     path.write_bytes(b"".join([lines[0], *lines[2:]]))
-    with pytest.raises(RecordError, match="line 2 does not follow from the lines before it"):
+    with pytest.raises(RecordError, match="line 2 does not match the lines before it"):
         read_run(folder)
 
 

@@ -169,14 +169,14 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"step": 3}, "state.step: 3 instead of 1"),
+        ({"step": 3}, "state.step: expected 1, got 3"),
         ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), expected \(50,\)"),
         ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
         ({"action": np.zeros(3)}, r"action: has the shape \(3,\), expected \(7,\)"),
         ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), expected \(7,\)"),
-        ({"applied": None}, "action: given or missing in row 1"),
+        ({"applied": None}, "action: wrongly given or missing in row 1"),
         ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
-        ({"other_scene": True}, "state.info: is not the scene"),
+        ({"other_scene": True}, "state.info: differs from the scene"),
     ],
 )
 def test_a_row_that_does_not_fit_is_refused(make_metadata, make_state, changes, message) -> None:
@@ -205,12 +205,12 @@ def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state
         builder.append_state(state, **arrays, **given)
         at_once.append(state, **arrays, **given, **truth)
     builder.append_truth(**truths[0])
-    with pytest.raises(InvalidInputError, match="predicates, subgoals: given for 1 of 2 rows"):
+    with pytest.raises(InvalidInputError, match="predicates, subgoals: only 1 of 2 rows have"):
         builder.finish(termination="step_limit", success=False)
     with pytest.raises(InvalidInputError, match="Give 2 predicates and 2 subgoals"):
         builder.append_truth(predicates=(True,), subgoals=(), goal=False)
     builder.append_truth(**truths[1])
-    with pytest.raises(InvalidInputError, match="already given for all 2 rows"):
+    with pytest.raises(InvalidInputError, match="all 2 rows already have their relations"):
         builder.append_truth(**truths[1])
     found = [b.finish(termination="step_limit", success=False) for b in (builder, at_once)]
     assert found[0].same_bits(found[1])
@@ -230,7 +230,7 @@ def test_what_cannot_be_a_record_is_refused(make_metadata, make_state) -> None:
     builder.append(state, qpos=some, qvel=some, ctrl=some, predicates=(0, 0), subgoals=(0, 0), goal=False)
     with pytest.raises(InvalidInputError, match=r"state\.held: 'nothing known' is not an object"):
         builder.finish(termination="success", success=True)
-    with pytest.raises(InvalidInputError, match=r"success: true although the episode ended by policy_error"):
+    with pytest.raises(InvalidInputError, match=r"success: is True although the episode ended by policy_error"):
         builder.finish(termination="policy_error", success=True)
     with pytest.raises(InvalidInputError, match="Use one of success, failure"):
         builder.finish(termination="boredom", success=False)
@@ -245,7 +245,7 @@ def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
         path.write_bytes(bad)
         with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*Repeat the command of the run to record"):
             read_record(path)
-    with pytest.raises(RecordError, match=r"is a folder and not a file\. Name a record of a run"):
+    with pytest.raises(RecordError, match=r"is a folder and not a file\. Give a record of a run"):
         read_record(tmp_path)
 
 
@@ -257,7 +257,7 @@ def test_a_record_that_was_cut_short_or_changed_is_to_be_copied_again(make_recor
             path.write_bytes(bad)
             with pytest.raises(RecordError, match=r"7\.parquet: is damaged \(.*\)\. Copy it again") as problem:
                 read_record(path, digest=digest)
-            assert "Name a record" not in str(problem.value)
+            assert "Give a record" not in str(problem.value)
     for bad in (b"", b"not parquet", b"PAR1" * 5):
         path.write_bytes(bad)
         with pytest.raises(RecordError, match=r"is damaged \(.*\)\. Copy it again"):
@@ -323,10 +323,10 @@ def reseal(table, path, document: bytes | None = None) -> None:
         (lambda f: f.pop("outcome"), "outcome: is missing"),
         (lambda f: f["outcome"].update(success="yes"), r"outcome\.success: Input should be a valid boolean"),
         (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
-        (lambda f: f["bodies"].clear(), "a contact names a body that is not listed"),
-        (lambda f: f["widths"].update(nq=51), "its columns qpos do not match its metadata"),
+        (lambda f: f["bodies"].clear(), "a contact refers to a body that is not listed"),
+        (lambda f: f["widths"].update(nq=51), "its columns \\(qpos\\) do not match its metadata"),
         (lambda f: f["widths"].update(nq=-1), r"widths\.nq: Input should be greater than or equal to 0, not -1"),
-        (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but the metadata names 3"),
+        (lambda f: f["widths"].update(objects=2), r"widths\.objects: is 2, but the metadata lists 3"),
         (lambda f: f.update(metadata=[1]), r"metadata: metadata: is not a JSON object"),
     ],
 )
@@ -339,7 +339,7 @@ def test_a_changed_document_is_refused(make_record, tmp_path, change, message) -
 def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     path = tmp_path / "r.parquet"
     pq.write_table(pa.table({"a": [1, 2]}), path)
-    with pytest.raises(RecordError, match=r"is damaged or not a record\. Name a record of a run"):
+    with pytest.raises(RecordError, match=r"is damaged or not a record\. Give a record of a run"):
         read_record(path)
     reseal(pa.table({"a": [1, 2]}, metadata={"other": "x"}), path)
     with pytest.raises(RecordError, match="is a Parquet file but not a record"):
@@ -347,7 +347,7 @@ def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     write_record(make_record(rows=3)[0], path)
     table = pq.read_table(path)
     reseal(table.drop_columns(["goal"]), path)
-    with pytest.raises(RecordError, match="its columns goal do not match its metadata"):
+    with pytest.raises(RecordError, match="its columns \\(goal\\) do not match its metadata"):
         read_record(path)
     reseal(table.slice(0, 0), path)
     with pytest.raises(RecordError, match="has no rows"):

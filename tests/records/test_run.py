@@ -90,7 +90,7 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
             journal.append(entry(0))
     assert read_journal(path) == (entry(0),)
     path.write_bytes(path.read_bytes() + path.read_bytes().splitlines()[1] + b"\n")
-    with pytest.raises(RecordError, match="line 3 does not follow from the lines before it"):
+    with pytest.raises(RecordError, match="line 3 does not match the lines before it"):
         read_journal(path)
     lines = [json.loads(line) for line in path.read_bytes().splitlines()]
     old = [{name: value for name, value in line.items() if name not in ("link", "record")} for line in lines]
@@ -322,7 +322,7 @@ def test_a_plan_with_more_trials_takes_the_place_of_the_stored_one(tmp_path) -> 
 def test_a_plan_that_changes_what_is_there_is_no_larger_plan(tmp_path, change) -> None:
     few = {**PLAN, "trials": trials("a", "b"), "task_versions": {"a": 1, "b": 1}}
     stored = RunFolder.start(tmp_path / "run", few)
-    with pytest.raises(RunConflictError, match="holds another run"):
+    with pytest.raises(RunConflictError, match="contains another run"):
         RunFolder.start(tmp_path / "run", {**few, **change})
     assert RunFolder.open(tmp_path / "run") == stored
 
@@ -334,9 +334,9 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
-    with pytest.raises(RecordError, match=r"File name too long. Give the folder that `--out` named"):
+    with pytest.raises(RecordError, match=r"File name too long. Give the --out folder of the run"):
         RunFolder.open(tmp_path / ("x" * 300))
-    with pytest.raises(RecordError, match=r"contains no run .*Give the folder that `--out` named"):
+    with pytest.raises(RecordError, match=r"contains no run .*Give the --out folder of a run"):
         RunFolder.open(tmp_path)
 
 
@@ -483,7 +483,7 @@ def test_a_changed_scene_or_that_of_another_hash_is_refused(tmp_path) -> None:
     whole = path.read_bytes()
     for bad in (other.read_bytes(), rewritten(path, model=b"blue mug"), rewritten(path, scene=b"")):
         path.write_bytes(bad)
-        with pytest.raises(RecordError, match="changed after it was written, or is the archive of another scene"):
+        with pytest.raises(RecordError, match="changed after it was written, or belongs to another scene"):
             folder.load_scene(HASH)
     path.write_bytes(whole)
     path.write_bytes(rewritten(path))  # only packed in another way

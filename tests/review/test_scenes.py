@@ -272,7 +272,7 @@ def test_tasks_and_conditions_are_queued_once():
     ("given", "text"),
     [
         (["scenes"], "no task is given"),
-        (["scenes", "x"], "Name tasks with --tasks"),
+        (["scenes", "x"], "Give tasks with --tasks"),
         (["scenes", "--tasks", "fruit_lunsh"], "Did you mean 'fruit_lunch'"),
         (["assets"], "Give it with --asset-dir"),
         (["--tasks", "fruit_lunch"], "better review scenes --tasks TASK"),

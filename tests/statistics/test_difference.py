@@ -114,7 +114,7 @@ def test_without_trials_nothing_is_known() -> None:
 
 
 def test_delta_needs_something_to_compare_with() -> None:
-    with pytest.raises(InvalidInputError, match="seen: no seen composition"):
+    with pytest.raises(InvalidInputError, match="seen: expected the rate of at least one"):
         delta_success_rate(Rate(1, 2), [])
 
 

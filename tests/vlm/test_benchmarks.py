@@ -66,9 +66,9 @@ def test_a_target_region_is_read_as_pixels(tmp_path):
 
 
 BAD = {
-    "answer": (7, "column answer: expected a letter from A to D or an index from 0, found 7"),
-    "answer_options": (["a", 2], "column answer_options: expected a list of texts"),
-    "question": ("", "column question: expected a text, found ''"),
+    "answer": (7, "column answer: expected a letter from A to D or an index from 0, got 7"),
+    "answer_options": (["a", 2], "column answer_options: expected a list of strings"),
+    "question": ("", "column question: expected a string, got ''"),
     "image": ("not base64 !!!", "column image: is not base64"),
 }
 
@@ -108,7 +108,7 @@ def test_a_picture_outside_the_data_is_not_read(place, tmp_path):
 def test_missing_data_and_names(tmp_path):
     for benchmark in BENCHMARKS:
         (tmp_path / "empty").mkdir(exist_ok=True)
-        with pytest.raises(InvalidInputError, match=f"holds no data of {benchmark.name}"):
+        with pytest.raises(InvalidInputError, match=f"contains no data of {benchmark.name}"):
             benchmark.load(tmp_path / "empty")
         with pytest.raises(InvalidInputError, match="does not exist"):
             benchmark.load(tmp_path / "gone")
@@ -148,9 +148,9 @@ def test_every_prompt_names_its_source_and_fills_its_fields(name, tmp_path):
 
 def test_a_prompt_that_asks_for_another_convention_is_refused():
     own, official, silent = (PROMPTS[n] for n in ("direct-points", "refspatial-roborefer", "refspatial-qwen"))
-    with pytest.raises(InvalidInputError, match="asks for fractions, and pixels is declared"):
+    with pytest.raises(InvalidInputError, match="asks for fractions, but pixels is declared"):
         official.convention("pixels", "fractions")
-    with pytest.raises(InvalidInputError, match="is missing, and the prompt refspatial-qwen does not say"):
+    with pytest.raises(InvalidInputError, match="is missing, and the prompt refspatial-qwen does not state"):
         silent.convention(None, "fractions")
     assert own.convention(None, "fractions") == official.convention(None, "pixels") == "fractions"
     assert own.convention("thousandths", "fractions") == silent.convention("thousandths", "fractions") == "thousandths"
@@ -192,8 +192,8 @@ def test_the_error_about_a_page_in_place_of_a_picture_is_the_same_each_time(tmp_
 @pytest.mark.parametrize(
     ("size", "value", "says"),
     [
-        ((published.WIDTH, published.HEIGHT), 0, "is empty, so no answer could be right"),
-        ((published.HEIGHT, published.WIDTH), 255, "another ratio of width to height than its image"),
+        ((published.WIDTH, published.HEIGHT), 0, "is empty, so every answer would be wrong"),
+        ((published.HEIGHT, published.WIDTH), 255, "so its aspect ratio differs from that of its image"),
     ],
 )
 def test_a_target_region_that_cannot_be_right_is_an_error(size, value, says, tmp_path):

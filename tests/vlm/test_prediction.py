@@ -36,7 +36,7 @@ def test_a_perfect_ranking_of_six_policies_is_a_conclusion_with_its_direction():
 def test_policies_without_differences_and_a_single_policy():
     (found,) = predictions_of([point(str(i), 0.5, 0.1 * i) for i in range(6)])
     assert found.sentence == "static score: all 6 policies have the same value, so there is no correlation."
-    with pytest.raises(InvalidInputError, match="one policy has no ranking"):
+    with pytest.raises(InvalidInputError, match="a single policy cannot be ranked"):
         predictions_of([point("a", 0.5, 0.1)])
 
 

@@ -177,7 +177,7 @@ def test_coordinates_in_a_wrong_convention_are_pointed_at(tmp_path, serve, capsy
     folder = published.refspatial_raw(tmp_path / "data")
     server = serve(lambda _: "[(625, 375)]")
     assert main(words("refspatial", folder, server.url, tmp_path / "run")) == 0
-    assert "9 answers have a place outside the image in the declared convention (fractions)" in (
+    assert "9 answers contain a point outside the image in the declared convention (fractions)" in (
         capsys.readouterr().out.replace("\n", " ").replace("  ", " ")
     )
     assert "between 0 and 1" not in texts_of(server.asked[0])
@@ -198,7 +198,7 @@ def test_the_command_line_knows_every_convention():
         (["vlm", "embspatial", "--model", "http://h/v1#m", "--out", "o"], "better vlm fetch embspatial"),
         (["vlm", "probe", "--model", "http://h/v1#m", "--max-tokens", "-1"], "--max-tokens: -1 is out of range"),
         (["vlm", "probe", "--model", "http://h/v1#m", "--max-tiles", "0"], "--max-tiles: 0 is out of range"),
-        (["vlm", "embspatial", "x", "--model", "http://h/v1#m"], "got a second word, 'x'"),
+        (["vlm", "embspatial", "x", "--model", "http://h/v1#m"], "unexpected argument 'x'"),
         (
             ["vlm", "refspatial", "--model", "http://h/v1#m", "--out", "o", "--prompt", "direct"],
             "Unknown prompt of refspatial 'direct'. Did you mean 'direct-points'?",

@@ -340,7 +340,7 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     with pytest.raises(InvalidInputError, match="another set"):
         read_answers(tmp_path / "bad.jsonl", made)
     head, first = file.read_text().splitlines()[:2]
-    for more, said in ((first, "was answered before"), ('{"id": "x", "text": "Yes"}', "x, which is not in the set")):
+    for more, said in ((first, "is answered twice"), ('{"id": "x", "text": "Yes"}', "x, which is not in the set")):
         (tmp_path / "bad.jsonl").write_text(f"{head}\n{first}\n{more}\n")
         with pytest.raises(RecordError, match=said):
             read_answers(tmp_path / "bad.jsonl", made)

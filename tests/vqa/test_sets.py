@@ -108,11 +108,11 @@ def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos
         with pytest.raises(RunConflictError, match=said):
             make_set(run, copy, OPTIONS, open_photos=photos)
     (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": {key: "0" * 64}})))
-    with pytest.raises(InvalidInputError, match=f"another record of {key} than the record in .*from this run"):
+    with pytest.raises(InvalidInputError, match=f"record of {key} in .* is not the record from .*from this run"):
         read_set(copy).require_about(run)
     for wrong in ([], {key: 1}):
         (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": wrong})))
-        with pytest.raises(RecordError, match="not hashes by trial"):
+        with pytest.raises(RecordError, match="not a mapping from trials to hashes"):
             read_set(copy)
     (copy / "set.json").unlink()  # as sets of older versions, which do not say
     read_set(copy).require_about(run)
@@ -202,7 +202,7 @@ def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
 def test_seeds_of_demonstrations_and_of_trials_do_not_mix():
     trials = [TrialId("fast_food", "train1", seed) for seed in (3, 1_000_000)]
     assert [purpose_of([t]) for t in trials] == ["test", "training"]
-    with pytest.raises(InvalidInputError, match="seeds of demonstrations and of evaluation"):
+    with pytest.raises(InvalidInputError, match="both demonstration seeds and evaluation seeds"):
         purpose_of(trials)
 
 

@@ -11,7 +11,7 @@ _OTHER_NAMES = {"name": "names", "policy_timeout": "policy_timeout_s"}
 
 @contextmanager
 def options_as_arguments() -> Iterator[None]:
-    """Replace a command-line option in an error message ("--until-decided") with the Python argument."""
+    """Replace command-line options in error messages ("--until-decided") with Python arguments ("until_decided")."""
     try:
         yield
     except InvalidInputError as error:

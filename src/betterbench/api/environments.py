@@ -28,7 +28,7 @@ def make_env(
         observation: Observation preset; "state_only" renders no images.
         action_space: Action space.
         quality: Render preset.
-        looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
+        looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
         render_mode: "rgb_array" for images of the front camera.
 
     Raises:
@@ -52,7 +52,7 @@ def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
     Gymnasium.
 
     Raises:
-        InvalidInputError: If a file is missing, raises an error or takes a name that exists.
+        InvalidInputError: If a file is missing, raises an error or registers an existing name.
     """
     user_files.load_task_files([paths] if isinstance(paths, str | Path) else paths)
     if "gymnasium" in sys.modules:

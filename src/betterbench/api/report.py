@@ -181,7 +181,7 @@ def report_into(
         RunConflictError: If the folder contains other files, and may not be overwritten.
     """
     if not runs:
-        raise InvalidInputError("runs", "no run is named", "Give the --out folder of better eval")
+        raise InvalidInputError("runs", "no run is given", "Give the --out folder of better eval")
     place = runs[0].report_path if out is None else out
     with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
         return build_report(runs, place, names=names, twins=twins, latex=latex, films=films, listener=listener)
@@ -190,7 +190,7 @@ def report_into(
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
     """Return the trials to film, the most informative first.
 
-    After the failures come one trial of each further cell of a task's own matrices, and a few solved ones.
+    After the failures come one trial of every other cell of the tasks' own matrices, and a few successes.
     """
     aside = {t.key for t in diagnosis.trials if t.success or t.ambiguous}
     showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
@@ -206,7 +206,7 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 
 
 def _conditions_of_matrices() -> frozenset[str]:
-    """Return the conditions ("fruit_basket/O6") that a task's own matrices name."""
+    """Return the conditions ("fruit_basket/O6") listed in the tasks' own matrices."""
     return frozenset(
         f"{task.id}/{name}"
         for task in all_tasks()
@@ -285,7 +285,7 @@ def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
 def _paths(
     run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis], listener: ReportListener
 ) -> dict[str, bytes]:
-    """Return the start image with the path of each trial, and the twin's path if the run has the twin's record."""
+    """Return each trial's initial image with its gripper path, and with the twin's path if the twin is recorded."""
     if not failed:
         return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}

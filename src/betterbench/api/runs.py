@@ -63,7 +63,7 @@ def evaluate(
         action_space: Action space of the policy; if not given, from its ``info``, or ee_delta for an address.
         observation: Observation preset.
         quality: Render preset.
-        looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
+        looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
         until_decided: Whether to stop a variation as soon as its verdict is certain; ``trials`` is then the maximum.
         workers: Number of worker processes, for an address; None for one per CPU core. A script with more than one
             worker needs ``if __name__ == "__main__":``, because each worker imports it again.
@@ -76,7 +76,7 @@ def evaluate(
     Raises:
         InvalidInputError: If an argument is out of range, or a trial is not certified.
         UnknownNameError: If a name is unknown; the message lists the closest ones.
-        PolicyError: If every trial broke down, so nothing was measured, or the policy cannot be reached.
+        PolicyError: If no trial could be run to its end, or the policy cannot be reached.
         RunConflictError: If the folder contains another run, or another process writes to it.
     """
     given = None if isinstance(policy, str) else GivenPolicy(policy)

@@ -1,7 +1,7 @@
 """Browser pages served on this machine, protected by a token in their address.
 
-- ``server``: viser's server, its elements and its end; ``plain``: a server of files and JSON, without viser.
-- ``address``: the address that a page is opened at.
+- ``server``: the viser server; ``plain``: a server for files and JSON, without viser.
+- ``address``: the address at which a page is opened.
 - ``gate``, ``incoming``: access control, and a filter for incoming messages.
-- ``keys``: pressed keys and gamepads, as the script of the page (``page.js``) sends them.
+- ``keys``: pressed keys and gamepad states, sent by the page's script (``page.js``).
 """

@@ -52,7 +52,7 @@ class Gate:
     """
 
     def __init__(self, host: str, incoming: IncomingMessages, *, verb: str) -> None:
-        """Draw a random token for the server of a CLI subcommand, with its interface and its accepted messages."""
+        """Draw a random token; ``verb`` is the CLI subcommand of the page, and ``incoming`` filters its messages."""
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
         self._refused = _REFUSED.format(verb=verb)
         self._incoming = incoming

@@ -1,8 +1,8 @@
 """Filter for incoming messages: only the page's message types reach viser.
 
-viser sets any property of any element from a message, and calls any function that a message names. A wrong value could
-end the session or lock out later pages, and one kind of message would publish the page on the internet. Each message is
-therefore validated with the schema of the page's messages. viser itself checks the rest.
+A message can set any property of any viser element, and call any function that viser has registered. A wrong value
+could end the session or lock out later pages, and one kind of message would publish the page on the internet. Each
+message is therefore validated with the schema of the page's messages. viser itself checks the rest.
 """
 
 from __future__ import annotations

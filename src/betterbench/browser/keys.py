@@ -14,7 +14,7 @@ from betterbench.json_form import read_form
 from betterbench.quoting import markup_text
 
 MARK = "better-page:"
-"""Prefix of the texts that the page sends."""
+"""Prefix of the strings that the page sends."""
 NO_PUSH = (0.0,) * 6
 MOST_TAPS_AT_ONCE = 8
 

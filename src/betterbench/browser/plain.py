@@ -1,7 +1,7 @@
-"""A plain HTTP server for a page of this machine: files, JSON and pictures behind a token, without viser.
+"""Plain HTTP server, without viser, for a page with files, JSON and images, protected by a token.
 
-The token is the first part of every path, as in :mod:`betterbench.browser.gate`. Requests of pages of other sites are
-rejected, and a page may load nothing from elsewhere.
+The token is the first part of every path, as in :mod:`betterbench.browser.gate`. Requests from pages of other sites are
+rejected, and the page cannot load anything from another server.
 """
 
 from __future__ import annotations
@@ -58,12 +58,13 @@ class PlainServer:
         """Listen.
 
         Args:
-            get: Makes the answer for each path below the token ("", "state"); None is answered with 404. The functions
-                are called from many threads.
-            post: Obeys a JSON object sent to "do", and returns a JSON value. A BetterError is sent to the page.
+            get: Function by path below the token ("", "state"), which returns the answer, or None for status 404. The
+                functions are called from many threads.
+            post: Function that executes a command, given as the JSON object sent to "do", and returns a JSON value. The
+                text of a BetterError is sent to the page.
             host: Interface.
             port: Port; 0 for any free one.
-            verb: Command of the page, for the rejection.
+            verb: CLI subcommand that serves the page ("better teleop"), for rejection messages.
 
         Raises:
             InvalidInputError: If the port is taken.
@@ -113,7 +114,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         super().__init__(*arguments)
 
     def do_GET(self) -> None:
-        """Answer a page, a picture or a state."""
+        """Answer with a page, an image or a state."""
         inside = self._inside()
         if inside is None:
             return
@@ -129,13 +130,13 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self._send(HTTPStatus.OK, *answer)
 
     def do_POST(self) -> None:
-        """Obey a command."""
+        """Execute a command."""
         inside = self._inside()
         if inside is None:
             return
         length = self.headers.get("Content-Length", "")
         if inside != "do" or not re.fullmatch("[0-9]{1,9}", length) or int(length) > MOST_BYTES:
-            self.close_connection = True  # its body would be read as the next request
+            self.close_connection = True  # the unread body would be parsed as the next request
             self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", b"This request cannot be read.\n")
             return
         try:
@@ -156,7 +157,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         ):
             return rest
         text = f"Access denied: open the address printed by {self._verb}, with its token.\n"
-        self.close_connection = True  # a rejected request may have a body that nobody reads
+        self.close_connection = True  # the body of a rejected request is not read
         self._send(HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", text.encode())
         return None
 
@@ -173,4 +174,4 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.close_connection = True
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name in http.server
-        """Log nothing: requests carry the token."""
+        """Do not log requests, because their paths contain the token."""

@@ -63,7 +63,7 @@ class PageServer:
         Args:
             host: Interface.
             port: Port; 0 for any free port.
-            verb: Command of the page ("better teleop").
+            verb: CLI subcommand that serves the page ("better teleop").
             complain: Receives reports of rejected messages.
 
         Raises:
@@ -87,7 +87,7 @@ class PageServer:
             )
         if self.port != wanted:  # the port was taken in the meantime, and viser chose the next port
             self.viser.stop()
-            raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
+            raise InvalidInputError("--port", f"{wanted} was taken in the meantime", "Run the same command again")
         self._stopping = threading.Thread(target=self.viser.stop, name="page", daemon=True)
 
     @property
@@ -101,7 +101,7 @@ class PageServer:
         return self._host in LOOPBACK_NAMES
 
     def expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401 - viser's
-        """Accept values of an element, whose number viser sends only to the page."""
+        """Accept values of an element, which is identified by a UUID that viser sends only to the page."""
         self._incoming.expect(element._impl.uuid, kind)
 
     def close(self) -> None:

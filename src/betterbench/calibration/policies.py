@@ -48,7 +48,7 @@ def calibration_policies(
     for name in policies:
         if name not in names:
             raise InvalidInputError(
-                "--policies", f"{name!r} is not a policy that can be calibrated", f"Name some of {', '.join(names)}"
+                "--policies", f"{name!r} is not a policy that can be calibrated", f"Give some of {', '.join(names)}"
             )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
         given = ", ".join(f"{s:g}" for s in strengths) or "nothing"

@@ -90,7 +90,7 @@ def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS, p
     """
     suite = [get_task(name) for name in suite_tasks(built_in_suite(tasks))]
     chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
-    # Ambiguous variations are neither solved nor failed.
+    # Ambiguous variations have no right or wrong outcome.
     keys = [(t.id, v.name) for t in chosen for v in t.variations if v.expected is not Expected.AMBIGUOUS]
     # Count the cells of the full suite even if only a few tasks are measured, so that the trials stay the
     # same.
@@ -160,7 +160,7 @@ def measure_power(
 def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
     """Return the plan for one pretender: its variation trials, except those with a known outcome."""
     tasks = tuple(dict.fromkeys(task for task, _ in wanted))
-    # The policies without a rule act in end-effector deltas with every robot.
+    # The baselines in FLOOR use end-effector deltas on every robot.
     space = EE_DELTA.name if address in FLOOR else None
     plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), action_space=space, observation="state_only")
     kept = tuple(

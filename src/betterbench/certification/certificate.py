@@ -186,10 +186,10 @@ class Certificate:
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
         """Read a certificate from JSON. Raises InvalidInputError if it is not a certificate of this schema version."""
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
-            raise InvalidInputError(where, "it is not a certificate", "Give a certificate.json of better certify")
+            raise InvalidInputError(where, "is not a certificate", "Give a certificate.json of better certify")
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
         form = {name: value for name, value in form.items() if name not in derived}
-        return read_form(_CERTIFICATE, form, where=where, cure="Make it again with better certify")
+        return read_form(_CERTIFICATE, form, where=where, cure="Create it again with better certify")
 
 
 _CERTIFICATE = TypeAdapter(Certificate)

@@ -109,7 +109,7 @@ class Coverage:
             now = replace(current, tasks={name: number})
             if then != now:
                 problem = f"{name} was certified under {then.words}, but the versions in use are {now.words}"
-                raise InvalidInputError("certificate", problem, "Certify this task again, too")
+                raise InvalidInputError("certificate", problem, "Certify this task again as well")
         kept = {name: seeds for name, seeds in self.conditions.items() if name.partition("/")[0] in current.tasks}
         return Coverage(current, kept)
 
@@ -271,5 +271,5 @@ def cure_for(
     )
     return (
         f"Run {first_measure if unmeasured else ''}better certify{chosen} --trials {trials}{seed} --out "
-        "runs/certificate and name it with --certificate runs/certificate, or run with --uncertified"
+        "runs/certificate and give it with --certificate runs/certificate, or run with --uncertified"
     )

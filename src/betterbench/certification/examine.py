@@ -64,7 +64,7 @@ class _Episode:
 
 
 def examine(trial: TrialId, *, looks: Looks = "seen", robot: str | None = None) -> TrialCertificate:
-    """Return the findings on one trial, including failures. Raises UnknownNameError for an unknown trial."""
+    """Return the results of all clauses for a trial, fulfilled or not. Raises UnknownNameError for an unknown trial."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -216,7 +216,7 @@ def planned_grasps(scene: Scene, state: WorldState) -> tuple[dict[str, str | Non
 
 
 def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
-    """Return the result of clause (d), which a plan from the initial state or the expert's success fulfills."""
+    """Return the result of clause (d), which a planned grasp in the initial state or the expert's success fulfills."""
     if not reasons:
         return Clause(passed=True, text="no object needs to be grasped")
     later = {name: reason for name, reason in reasons.items() if reason is not None}

@@ -87,7 +87,7 @@ def measure(
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     for task in chosen:
         if number < len(task.training):
-            problem = f"{number} leave out some of the {len(task.training)} training conditions of {task.id}"
+            problem = f"{number} demonstrations do not cover the {len(task.training)} training conditions of {task.id}"
             raise InvalidInputError("--demonstrations", problem, "Give a larger number")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")

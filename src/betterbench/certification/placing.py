@@ -1,8 +1,8 @@
 """Placement of another robot's base in a task, and the objects that it can grasp from there.
 
-All positions of a task are in the base frame of the robot that it is laid out for. For another robot, the base moves to
-the place from which most slots lie within its reach; the distances between slots stay. The result is a task of its own,
-with its own name, version, demonstrations and certificate.
+All positions of a task are in the base frame of the robot that it is laid out for. For another robot, the base is moved
+to the position from which the robot reaches the most slots; the slots do not move. The result is a separate task with
+its own name, version, demonstrations and certificate.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from betterbench.tasks import Task, task_from_json, task_to_json
 GRID_M = 0.01
 """Distance between tried base positions [m]."""
 FARTHEST_M = 0.8
-"""Largest tried distance of the base from its present place, along each axis [m]."""
+"""Largest tried displacement of the base along each axis [m]."""
 OBJECT_HEIGHT_M = 0.03
 """Height of a grasp above the table for which the ring of reach is computed [m]."""
 MARGIN_M = 0.01
 """Distance of a slot from the edges of the ring of reach, for its jitter [m]."""
 WIDEST_RAD = math.radians(100.0)
-"""Largest angle of a slot from the direction in which the robot looks [rad]."""
+"""Largest angle between a slot and the robot's forward direction [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Placed:
     """A task laid out for another robot.
 
     Attributes:
-        task: The task; its name is that of the original and of the robot.
+        task: The task; its name consists of the original task's name and the robot's name.
         base_m: Position of the robot's base, in the base frame of the original's robot [m].
         outside: Names of the slots that are out of reach from there.
     """
@@ -57,7 +57,7 @@ class GraspCount:
         name: Name of the object.
         planned: Number of trials with a planned grasp.
         trials: Number of trials in which the object is to be grasped.
-        reason: The most frequent reason without a grasp, empty if there is none.
+        reason: The most frequent reason why no grasp was found; empty if every grasp was planned.
     """
 
     name: str
@@ -97,13 +97,13 @@ def ring_of(spec: RobotSpec) -> tuple[float, float]:
 def place_task(task: Task, spec: RobotSpec) -> Placed:
     """Return a task laid out for another robot, with the base where the fewest slots are out of its reach.
 
-    Among equal places, the one with the slots nearest to the middle of the robot's reach is chosen.
+    Among equally good positions, the one with the slots nearest to the middle of the robot's reach is chosen.
 
     Raises InvalidInputError if the task is laid out for this robot already.
     """
     if task.robot == spec.name:
-        problem = f"{task.id} is laid out for the robot {spec.name!r} already"
-        raise InvalidInputError("--robot", problem, "Name another robot, or use the task as it is")
+        problem = f"{task.id} is already laid out for robot {spec.name!r}"
+        raise InvalidInputError("--robot", problem, "Give another robot, or use the original task")
     form = task_to_json(task)  # lists the slots of the operations, too
     slots = np.array([(slot["x"], slot["y"]) for slot in form["slots"]])
     near, far = ring_of(spec)

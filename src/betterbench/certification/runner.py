@@ -56,7 +56,7 @@ def certify(
         RecordError: If the journal is corrupt.
     """
     if not trials:
-        raise InvalidInputError("trials", "no trials to certify", "Name at least one trial")
+        raise InvalidInputError("trials", "no trials to certify", "Give at least one trial")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:

@@ -37,7 +37,7 @@ class Found:
 
 
 class Apart(NamedTuple):
-    """Deviation of objects from their poses in a demonstration: that of the farthest [m], of the most turned [rad]."""
+    """Largest deviation of several objects from their poses in a demonstration: distance [m] and rotation [rad]."""
 
     aside_m: float
     turned: float
@@ -102,7 +102,7 @@ class TrainedSupport:
         )
 
     def judge_all(self, primitives: Sequence[Primitive]) -> tuple[Found, ...]:
-        """Return the finding on each primitive of an episode; pre-placed objects in one place are judged together."""
+        """Return the result for each primitive of an episode; pre-placed objects at one target are judged together."""
         places: dict[tuple[str, str, str], list[Preplaced]] = {}
         for p in primitives:
             if isinstance(p, Preplaced):

@@ -18,7 +18,7 @@ _interrupts: list[int] = []
 
 
 def was_interrupted() -> bool:
-    """Return whether Ctrl-C was pressed, which interrupted native code may report as another error."""
+    """Return whether Ctrl-C was pressed. Interrupted native code may raise a different error than KeyboardInterrupt."""
     return bool(_interrupts)
 
 
@@ -53,7 +53,7 @@ def main() -> None:
         from betterbench.cli.main import main as run
 
         status = run()
-        if was_interrupted():  # no further message while the process ends
+        if was_interrupted():  # print nothing more while the process ends
             signal.signal(signal.SIGINT, signal.SIG_DFL)
         elif signal.getsignal(signal.SIGINT) is _interrupt:
             signal.signal(signal.SIGINT, _too_late)
@@ -62,7 +62,8 @@ def main() -> None:
             raise  # Python wraps a KeyboardInterrupt in __set_name__ in a RuntimeError
         sys.stderr.write("interrupted\n")
         status = EXIT_INTERRUPTED
-    # Python remembers a KeyboardInterrupt that left exec("..."), which dataclasses use, even after it was caught.
-    # `python -m` would then end by SIGINT instead of with the status. The next exec() of a string clears it.
+    # CPython sets a flag when a KeyboardInterrupt propagates out of exec("..."), which dataclasses use. With this flag,
+    # `python -m` dies from SIGINT instead of returning the status, even if the interrupt was caught. The next exec() of
+    # a string clears the flag.
     exec("")  # noqa: S102
     sys.exit(status)

@@ -84,7 +84,7 @@ def guarded(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _numbers(options: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the numeric options, including options in groups."""
+    """Yield the name and value of each numeric option, including the fields of option groups."""
     for name, value in options.items():
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             yield from _numbers({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})

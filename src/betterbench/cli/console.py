@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
-"""Maximum number of characters in a message or table cell; only external texts are longer."""
+"""Maximum number of characters in a message or table cell; only text from outside (files, servers) reaches it."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """Pattern of a numeric cell; a column of numbers is right-aligned."""
@@ -38,7 +38,7 @@ class Terminal(Console):
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print like rich, but with texts made printable and commands adapted to this installation.
+        """Print with rich, without control characters and with commands that work in this installation.
 
         Brackets are read as a style only if ``markup`` is set.
         """
@@ -135,7 +135,7 @@ def print_json(document: object) -> None:
 
 
 def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print rows whose last column is prose: one line per row, with the prose indented below it."""
+    """Print one line per row, with the last column, which is prose, indented below it."""
     widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
     for number, (*cells, prose) in enumerate((columns, *rows)):
         line = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
@@ -176,7 +176,7 @@ def print_item(text: str, *, indent: int = 0) -> None:
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, wrapped at words on a terminal and unwrapped elsewhere.
 
-    With ``whole``, no line is wrapped, so that a path in the line can be copied.
+    With ``whole``, lines are not wrapped, so that a path can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
@@ -204,18 +204,18 @@ def _printable(text: str) -> str:
 
 @contextmanager
 def passing_bar(what: str) -> Iterator[OnCount]:
-    """Yield a callback (done, total) that advances a progress bar; the bar disappears at the end."""
+    """Yield a callback ``(done, total)`` that updates a progress bar, which disappears at the end."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)
 
 
 @contextmanager
 def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = True) -> Iterator[tuple[Progress, Any]]:
-    """Show a bar on standard error during long work, or occasional log lines if that is not a terminal.
+    """Show a progress bar on standard error, or print occasional progress lines if standard error is not a terminal.
 
-    A ``total`` of 0 means that the amount of work is not known yet. Without ``estimate``, no log lines are written and
-    the bar shows no times, because the note contains them. With ``stays``, the bar remains at the end and shows the
-    elapsed time; use this for the main work of a command. Bars of intermediate steps disappear.
+    A ``total`` of 0 means that the amount of work is not known yet. With ``estimate=False``, the bar shows no times and
+    no progress lines are printed; use it if the caller's note already contains the times. With ``stays``, the bar
+    remains at the end and shows the elapsed time; use it for the main work of a command and not for intermediate steps.
     """
     from betterbench.cli.progress import WorkProgress
 

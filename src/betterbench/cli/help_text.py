@@ -29,7 +29,7 @@ INDENT = "  "
 def description_of(function: object) -> str:
     """Return a function's description without its arguments, wrapped to the terminal width.
 
-    A two-line example can still be pasted into a shell.
+    A long example is broken so that both lines can be pasted into a shell.
     """
     text = inspect.getdoc(function) or ""
     width = min(shutil.get_terminal_size().columns, WIDEST)
@@ -85,7 +85,12 @@ def word_options(function: Callable[..., None]) -> None:
 def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a type hint
     bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     if not is_dataclass(bare):
-        said = default in (None, False, (), inspect.Parameter.empty)  # already in the description, or nothing to show
+        said = default in (
+            None,
+            False,
+            (),
+            inspect.Parameter.empty,
+        )  # the description states the default, or there is no value to show
         value = _value(name, bare, _marks(hint))
         if value and tyro.conf.Positional in _marks(hint) and default is not inspect.Parameter.empty:
             value = f"[{value}]"

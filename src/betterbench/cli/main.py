@@ -87,7 +87,7 @@ class Verb:
         return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
 
     def words(self, given: Sequence[str]) -> list[str]:
-        """Return the command-line words, with ``--run-file`` replaced by the options in that file."""
+        """Return the command-line arguments, with ``--run-file FILE`` replaced by the options in that file."""
         if not self.takes_run_file:
             return list(given)
         from betterbench.cli.run_file import with_run_file
@@ -102,7 +102,7 @@ VERBS: dict[str, Verb] = {
         "assets:assets_command",
         "Index, search and show assets, and list their licenses.",
         commands={
-            "index": Verb("asset_index:index_command", "Read sources of assets into the catalogue."),
+            "index": Verb("asset_index:index_command", "Add asset sources to the catalogue."),
             "search": Verb("asset_search:search_command", "Find assets by description."),
             "show": Verb("asset_show:show_asset_command", "Print one asset."),
             "licenses": Verb("asset_licenses:licenses_command", "Count licenses by source."),
@@ -127,10 +127,10 @@ VERBS: dict[str, Verb] = {
         },
     ),
     "worlds": Verb("worlds:worlds_command", "List the worlds, or install one.", takes_tasks=False),
-    "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their sentences.", takes_tasks=False),
+    "premise": Verb("premise:premise_command", "Check LIBERO's scenes against their instructions.", takes_tasks=False),
     "import-better": Verb("import_better:import_better_command", "Import and audit tasks of the BeTTER release."),
     "show": Verb("show:show_command", "Draw a training scene beside a test scene.", takes_suite=True),
-    "generate": Verb("generate:generate_command", "Write scenarios of a template or about a sentence."),
+    "generate": Verb("generate:generate_command", "Write scenarios for a template or a sentence."),
     "build": Verb("build:build_command", "Build certified tasks from scenarios."),
     "place": Verb("place:place_command", "Lay tasks out for another robot and measure its reach."),
     "certify": Verb("certify:certify_command", "Certify that trials can be solved with trained motions."),
@@ -142,21 +142,21 @@ VERBS: dict[str, Verb] = {
     "teleop": Verb(
         "teleop:teleop_command", "Demonstrate in the browser by gizmo, keys or leader arm.", takes_suite=True
     ),
-    "amplify": Verb(
-        "amplify:amplify_command", "Make many demonstrations from a few, for new starts.", takes_suite=True
-    ),
+    "amplify": Verb("amplify:amplify_command", "Generate demonstrations for new initial states.", takes_suite=True),
     "dataset": Verb("dataset:dataset_command", "Make a training set with its dataset card and audit."),
-    "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe.", takes_suite=True),
+    "train": Verb("train:train_command", "Train a small policy on demonstrations.", takes_suite=True),
     "study": Verb("study:study_command", "Train learners on each arm of a study and compare them."),
     "shortcuts": Verb(
         "shortcuts:shortcuts_command", "Find shortcuts that a dataset offers a learner.", takes_suite=True
     ),
-    "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed.", takes_suite=True),
+    "diagnose": Verb(
+        "diagnose:diagnose_command", "Explain why each trial of a run succeeded or failed.", takes_suite=True
+    ),
     "compare": Verb(
         "compare:compare_command", "Compare policies on the trials that their runs share.", takes_suite=True
     ),
-    "report": Verb("report:report_command", "Write a page with tables, figures and films of runs.", takes_suite=True),
-    "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on.", takes_suite=True),
+    "report": Verb("report:report_command", "Write a page with tables, figures and videos of runs.", takes_suite=True),
+    "export": Verb("export:export_command", "Export a run's outcomes or a training data set.", takes_suite=True),
     "recipe": Verb("recipe:recipe_command", "Write configs for openpi, GR00T, Being-H or LeRobot.", takes_tasks=False),
     "mixture": Verb(
         "betterbench_calibration.cli.mixture:mixture_command",
@@ -166,14 +166,12 @@ VERBS: dict[str, Verb] = {
     "materialize": Verb(
         "materialize:materialize_command", "Write depth, masks and boxes of recorded states.", takes_suite=True
     ),
-    "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time.", takes_suite=True),
+    "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals over time.", takes_suite=True),
     "vqa": Verb("vqa:vqa_command", "Make questions about recorded frames from the records."),
     "vlm": Verb("vlm:vlm_command", "Evaluate a vision-language model on static benchmarks.", takes_tasks=False),
-    "replay": Verb(
-        "replay:replay_command", "Simulate a record again and compare, or write its video.", takes_suite=True
-    ),
+    "replay": Verb("replay:replay_command", "Replay a record to check it, or write its video.", takes_suite=True),
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol.", takes_suite=True),
-    "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),
+    "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and write a report.", takes_tasks=False),
     "audit-paper": Verb(
         "betterbench_calibration.cli.audit_paper:audit_command",
         "Check the printed numbers of the paper's tables.",
@@ -216,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # Any operating system error, such as a path that is missing, too long, not writable or a loop of links.
+        # Any operating system error, such as a path that is missing, too long, not writable or a symbolic link loop.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
@@ -227,12 +225,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:
         if not was_interrupted():
             raise
-        return _interrupted(given)  # native code turned the interrupt into this error
+        return _interrupted(given)  # native code raised this error because of the interrupt
     return 0
 
 
 def every_command() -> dict[str, Verb]:
-    """Return all subcommands by name; nested commands have both words as their name ("assets import")."""
+    """Return all subcommands by name; the name of a nested command has two words ("assets import")."""
     found = dict(VERBS)
     for name, verb in VERBS.items():
         found |= {f"{name} {command}": each for command, each in verb.commands.items()}
@@ -240,7 +238,7 @@ def every_command() -> dict[str, Verb]:
 
 
 def _chosen(given: Sequence[str]) -> tuple[str, Verb, list[str]]:
-    """Return the name of the chosen subcommand, the subcommand and the other words; options may precede it."""
+    """Return the chosen subcommand's name, the subcommand and the remaining arguments; options may precede the name."""
     verb, rest = VERBS[given[0]], list(given[1:])
     if not verb.commands or not rest:
         return given[0], verb, rest
@@ -342,7 +340,7 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a subcommand that also takes ``--suite``, loads its tasks, and works on them if no tasks are named."""
+    """Return a subcommand that also takes ``--suite``, and uses the suite's tasks if ``--tasks`` is not given."""
     takes_names = "tasks" in inspect.signature(function).parameters
 
     def verb(*args: object, suite: str | None = None, **options: object) -> None:
@@ -354,13 +352,13 @@ def _with_suite(function: Callable[..., None]) -> Callable[..., None]:
                 options["tasks"] = of_suite
         function(*args, **options)
 
-    use = "its tasks are used if --tasks names none" if takes_names else "its tasks are loaded"
+    use = "its tasks are used if --tasks is not given" if takes_names else "its tasks are loaded"
     text = f"Packaged suite, or folder with a suite in JSON; {use}."
     return _with_options(verb, function, suite=text)
 
 
 def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a subcommand whose help names ``--run-file``; :meth:`Verb.words` has already processed that option."""
+    """Return a subcommand whose help lists ``--run-file``; :meth:`Verb.words` has already processed that option."""
 
     def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
         del run_file

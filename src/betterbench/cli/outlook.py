@@ -11,7 +11,7 @@ from betterbench.evaluation import Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
-"""Number of trials that must end before their pace is used as an estimate; short, successful trials end first."""
+"""Number of trials that must end before the remaining time is estimated from them: the first to end are short."""
 
 LONG_S = 300.0
 """Duration above which a run prints an estimate after its first seconds [s]."""
@@ -30,7 +30,7 @@ class Outlook:
     steps: int = 0
     _left: int = 0
     _ended: set[TrialId] = field(default_factory=set)
-    _first: tuple[float, int] | None = None  # time and number of the first reported steps
+    _first: tuple[float, int] | None = None  # time [s] and step count of the first report
     _now_s: float = 0.0
 
     def begin(self, done: set[TrialId]) -> None:

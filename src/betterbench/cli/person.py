@@ -1,4 +1,4 @@
-"""Person name and process exit for subcommands that a person uses in the browser."""
+"""User name and process exit of subcommands with a browser page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def person_named(name: str | None, option: str) -> str:
     """Return a person's name, by default the user name; raise InvalidInputError if it is not one short line."""
     try:
         who = getpass.getuser() if name is None else name
-    except (KeyError, OSError):  # the user id of this process has no name
+    except (KeyError, OSError):  # this process's user id has no user name
         who = "unknown"
     if not who.strip() or one_line(who, most=80) != who:
         raise InvalidInputError(
@@ -25,8 +25,8 @@ def person_named(name: str | None, option: str) -> str:
 def end_process() -> None:
     """Exit the process although threads are still running.
 
-    Threads that compile a scene, render an image or wait for a page cannot be interrupted. All results are on disk, and
-    the locks are released.
+    Threads that compile a scene, render an image or wait for the browser cannot be interrupted. Call this after all
+    results are written and the locks are released.
     """
     sys.stdout.flush()
     sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""Progress of long-running work: one bar line on a terminal of any width, occasional log lines elsewhere."""
+"""Progress of long-running work: a one-line bar on a terminal of any width, occasional progress lines elsewhere."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rich.text import Text
 
 LEAST_BAR, MOST_BAR = 8, 24
 NOTE_ROOM = 36
-"""Columns reserved for a note, so that the width of the bar does not change with each note."""
+"""Columns reserved for the note, so that the bar keeps its width when the note changes."""
 
 LEAST_WHAT, LEAST_NOTE = 16, 16
 
@@ -25,11 +25,11 @@ ECHO = 3
 """Columns left free at the end of the line, so that the ^C of an interrupt does not wrap."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
-"""Time of the first log line, and interval between later log lines, if there is no bar [s]."""
+"""Time until the first progress line without a terminal, and interval between later lines [s]."""
 
 
 class _Widths(NamedTuple):
-    """Column widths of the shrinkable parts of the line; an omitted part has width 0."""
+    """Column widths of the parts of the line that can shrink; an omitted part has width 0."""
 
     what: int
     bar: int
@@ -37,7 +37,7 @@ class _Widths(NamedTuple):
 
 
 def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
-    """Divide the columns that counts and times leave free. All parts but the first include a leading space.
+    """Divide the columns not used by counts and times. All parts but the first include a leading space.
 
     Args:
         room: Total columns.
@@ -86,7 +86,7 @@ def _count_text(task: Task) -> str:
 
 
 def _time_text(task: Task) -> str:
-    """Return the time left ("0:04:12 left"), or the elapsed time at the end and while the rest is unknown."""
+    """Return the time left ("0:04:12 left"), or the elapsed time if the work has ended or its total is unknown."""
     left = None if task.finished else task.time_remaining
     return f"{_clock(task.elapsed or 0.0)}     " if left is None else f"{_clock(left)} left"
 

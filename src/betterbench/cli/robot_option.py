@@ -13,7 +13,7 @@ import betterbench
 
 
 def _robot_folders() -> list[str]:
-    """Return the names of the robots, which are those of their folders, without importing MuJoCo for a help text."""
+    """Return the robot names, read from their folders so that the help text does not import MuJoCo."""
     folder = Path(betterbench.__file__).parent / "sim" / "robots"
     return sorted(path.parent.name for path in folder.glob("*/__init__.py"))
 
@@ -25,14 +25,14 @@ class RobotOption:
     robot: Annotated[
         str | None,
         tyro.conf.arg(
-            help=f"Robot in the scenes: {' or '.join(_robot_folders())}; by default the one that the (first) task is "
-            "laid out for."
+            help=f"Robot in the scenes: {' or '.join(_robot_folders())}; default: the robot for which the first task "
+            "is laid out."
         ),
     ] = None
 
     @property
     def words(self) -> list[str]:
-        """The option as command-line words, empty if it was not given."""
+        """Command-line arguments of this option, empty if it was not given."""
         return [] if self.robot is None else ["--robot", self.robot]
 
     def of(self, tasks: Sequence[str]) -> str:

@@ -56,7 +56,7 @@ _FORM = TypeAdapter(RunFile)
 
 
 def with_run_file(words: Sequence[str]) -> list[str]:
-    """Return the words of a command line, with ``--run-file FILE`` replaced by the options in that file.
+    """Return command-line arguments with ``--run-file FILE`` replaced by the options in that file.
 
     An option on the command line takes precedence over the file.
 
@@ -90,7 +90,9 @@ def read_run_file(path: Path) -> RunFile:
         _require_plain(path, text)
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         if not isinstance(node, yaml.MappingNode):
-            raise InvalidInputError(str(path), "it contains no options", f"Write lines like `trials: 20`. {_CURE}")
+            raise InvalidInputError(
+                str(path), "the file contains no options", f"Write lines like `trials: 20`. {_CURE}"
+            )
         form = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
@@ -115,13 +117,13 @@ def _require_plain(path: Path, text: bytes) -> None:
     for token in yaml.scan(text):
         depth += isinstance(token, opening) - isinstance(token, closing)
         if isinstance(token, yaml.AliasToken):
-            raise InvalidInputError(str(path), "it has an alias (*name)", "Write the value itself")
+            raise InvalidInputError(str(path), "the file uses a YAML alias (*name)", "Write the value instead")
         if depth > _MAX_DEPTH:
             raise InvalidInputError(str(path), "it is nested too deep", _CURE)
 
 
 def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
-    """Return the run file given on the command line, and the remaining words."""
+    """Return the run file given on the command line, and the other arguments."""
     found: list[str] = []
     rest: list[str] = []
     waiting = iter(words)
@@ -132,15 +134,15 @@ def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
             continue
         value = value if equals else next(waiting, "")
         if not value:
-            raise InvalidInputError(_OPTION, "it names no file", f"Write {_OPTION} FILE.yaml")
+            raise InvalidInputError(_OPTION, "the file is missing", f"Write {_OPTION} FILE.yaml")
         found.append(value)
     if len(found) > 1:
-        raise InvalidInputError(_OPTION, f"{len(found)} files are named", "Name one")
+        raise InvalidInputError(_OPTION, f"{len(found)} files are given", "Give one file")
     return (Path(found[0]) if found else None), rest
 
 
 def _words(path: Path, name: str, value: object) -> Iterator[str]:
-    """Yield the command-line words of one option."""
+    """Yield the command-line arguments of one option."""
     option = f"--{name.replace('_', '-')}"
     if value is None or value == ():
         return
@@ -158,10 +160,10 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
 
 
 def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
-    """Reject options in a run file that run code or send a secret, unless ``--trust`` is given.
+    """Reject options in a run file that run code or send a secret.
 
     Raises:
-        InvalidInputError: If there is such an option; the message names it.
+        InvalidInputError: If the file has such an option.
     """
     from betterbench.evaluation.planning.trust import require_trust
 
@@ -169,5 +171,5 @@ def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
         require_trust(str(chosen["policy"]), where=str(path))
     files = chosen.get("task_file")
     if isinstance(files, tuple) and files:
-        cure = "Look at it, then add --trust, or give the option on the command line"
-        raise InvalidInputError(f"{path}: task_file", f"{files[0]} runs the Python code in it", cure)
+        cure = "Inspect the file and add --trust, or give this option on the command line"
+        raise InvalidInputError(f"{path}: task_file", f"loading {files[0]} runs its Python code", cure)

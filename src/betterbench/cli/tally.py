@@ -53,7 +53,7 @@ class RunTally:
     def note(self, progress: Progress, *, left: str | None = None) -> str:
         """Return the note of the progress bar: pace, time left, successes, policy errors, broken trials, verdicts.
 
-        If given, ``left`` replaces the pace because it is more accurate.
+        If ``left`` is given, it replaces the pace and the time left that are computed from ended trials.
         """
         first = pace(progress) if left is None else left
         parts = [first] if first else []
@@ -98,7 +98,7 @@ def service_text(service: PolicyService | None) -> str:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
     if service.concurrency >= 0.05:
-        parts.append(f"{service.concurrency:.1f} requests under way on average")
+        parts.append(f"{service.concurrency:.1f} simultaneous requests on average")
     if service.retries is not None:
         parts.append(f"{service.retries} {'retry' if service.retries == 1 else 'retries'}")
     if service.reconnects is not None:
@@ -115,8 +115,8 @@ def _milliseconds(seconds: float) -> str:
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
     """Return the time spent in each part of a run, and a sentence that names the bottleneck and its remedy.
 
-    ``drawn_here`` states that the workers render the images, not another simulator; ``chosen`` states that a warm-up
-    chose the number of environments.
+    ``drawn_here`` is True if the workers render the images, and False if a world's own simulator does. ``chosen`` is
+    True if a warm-up chose the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
     parts = (
@@ -138,7 +138,7 @@ def bottleneck_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
         )
     if times.bottleneck == "wire":
         return (
-            "Messages are the bottleneck: request images of the size that the policy needs (size=N), use images=jpeg "
+            "Data transfer is the bottleneck: request images of the size that the policy needs (size=N), images=jpeg "
             "for vla-eval, or use more --workers."
         )
     if times.bottleneck == "rendering":

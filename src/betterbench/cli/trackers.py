@@ -78,7 +78,9 @@ def write_metrics(
     except ImportError as error:
         raise missing_extra(f"--to {to}: the package is not installed", to) from error
     except OSError as error:
-        raise InvalidInputError("--out", f"{out} cannot be written ({error.strerror})", "Name another place") from error
+        raise InvalidInputError(
+            "--out", f"{out} cannot be written ({error.strerror})", "Choose another folder"
+        ) from error
     return out
 
 
@@ -101,10 +103,10 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
-    """Write one complete run next to the runs of earlier exports, or nothing.
+    """Write one complete run next to the runs of earlier exports; on failure, nothing is left behind.
 
-    On a full disk, wandb exits normally with missing data, so the free space is checked before and after. ``wandb
-    sync`` would also upload the remains of a killed export, so the run is moved into place as the last step.
+    On a full disk, wandb exits normally with missing data, so the free space is checked before and after. The run is
+    written to a temporary folder and moved at the end, because ``wandb sync`` would upload a partial run.
     """
     import wandb
 
@@ -117,7 +119,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
     room = _LEAST_ROOM + 4 * len(json.dumps([config, numbers, rows]))
     place = out / "wandb"
     if place.is_symlink():
-        raise InvalidInputError("--out", f"{place} is a symbolic link", "Remove it, or name another folder")
+        raise InvalidInputError("--out", f"{place} is a symbolic link", "Remove the link, or choose another folder")
     for left in out.glob(f"{_WANDB_PREFIX}*{PART_SUFFIX}"):
         shutil.rmtree(left, ignore_errors=True)
     remove_parts_of(place)
@@ -126,7 +128,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
     ) as apart:
         offline = wandb.setup().settings.mode == "offline"
-        quiet = wandb.Settings(silent=True) if offline else None  # its hint would name the folder before the final move
+        quiet = wandb.Settings(silent=True) if offline else None  # wandb's hint would print the temporary folder
         with wandb.init(
             project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
         ) as run:
@@ -136,7 +138,7 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         _require_room(place, room)
         place.mkdir(exist_ok=True)
         for made in (Path(apart) / "wandb").iterdir():
-            if made.is_dir() and not made.is_symlink():  # a link names the latest run
+            if made.is_dir() and not made.is_symlink():  # wandb's link to the latest run is skipped
                 made.replace(place / made.name)
                 if offline:
                     say(f"send it with: {shell_line(['wandb', 'sync', place / made.name])}", whole=True)

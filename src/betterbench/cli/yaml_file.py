@@ -1,4 +1,4 @@
-"""Reader of hand-written YAML files; aliases are rejected, because they can expand without bound."""
+"""Reader of hand-written YAML files. Aliases are rejected because they can expand without bound."""
 
 from __future__ import annotations
 

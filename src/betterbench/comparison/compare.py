@@ -113,12 +113,14 @@ def compare(
         )
     if len(sides) < 2:
         raise InvalidInputError(
-            "runs", f"a comparison needs at least two runs, got {len(sides)}", "Name at least two runs"
+            "runs", f"a comparison needs at least two runs, got {len(sides)}", "Give at least two runs"
         )
     matching = match_sides(sides, allow_mixed=allow_mixed)
     if sequential and not matching.paired:
         raise InvalidInputError(
-            "--sequential", "the runs share no trial", "Run the policies with the same --seed, or drop --sequential"
+            "--sequential",
+            "the runs share no trial",
+            "Run the policies with the same --seed, or leave out --sequential",
         )
     names = tuple(s.name for s in sides)
     groups = tuple(g for family in _families(matching) for g in _judged(family, names, matching, alpha))

@@ -74,7 +74,7 @@ def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...],
     names = [{_condition(t) for t in s.diagnosis.trials} for s in sides]
     shared = set.intersection(*names)
     if not shared:
-        problem = "they have no condition in common"
+        problem = "the runs have no condition in common"
         raise InvalidInputError("runs", problem, "Run the policies with the same --tasks, --variations and --seed")
     return tuple(tuple(t for t in s.diagnosis.trials if _condition(t) in shared) for s in sides)
 

@@ -54,12 +54,12 @@ def load_sides(
     """
     if len(paths) < 2:
         raise InvalidInputError(
-            "runs", f"a comparison needs at least two runs, got {len(paths)}", "Name at least two run folders"
+            "runs", f"a comparison needs at least two runs, got {len(paths)}", "Give at least two run folders"
         )
     places = [os.path.realpath(path) for path in paths]
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
-        raise InvalidInputError("runs", f"{twice} is given twice", "Name every run once")
+        raise InvalidInputError("runs", f"{twice} is given twice", "Give every run once")
     sources = [read_submission(path) if path.is_file() else RunFolder.open(path) for path in paths]
     called = run_names([_heading(s, path) for s, path in zip(sources, paths, strict=True)], names)
     return tuple(

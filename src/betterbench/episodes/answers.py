@@ -60,7 +60,7 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
         else:
             actions = np.asarray(policy.act(seen))  # type: ignore[union-attr]
     except BaseException:
-        # not shared with the code above, for speed: a privileged policy answers at every control step
+        # the code above is repeated here for speed, because a privileged policy answers at every control step
         with POLICY_BOUNDARY:
             raise
     return Reply(actions, time.perf_counter() - began)

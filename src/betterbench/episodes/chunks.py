@@ -15,7 +15,7 @@ from betterbench.interface import EpisodeStart, Execution, Observation, episode_
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 
-if TYPE_CHECKING:  # a server of policies, which checks their chunks, needs no simulator
+if TYPE_CHECKING:  # a policy server uses this module to check chunks, without a simulator
     from betterbench.episodes.observer import Observer, Views
     from betterbench.sim.worlds import TrialScene
 
@@ -80,7 +80,7 @@ class Chunks:
             self._asked = False
             actions = self._answered((yield from self._pause(question)))
             if not self._execution.ahead and actions.shape == (self._scene.action_space.dim,):
-                return actions  # checked when it is applied, right now
+                return actions  # checked by the caller, which applies it immediately
             self._queue_up(actions, passed)
         if self._asks_ahead(state.step):
             self._asked, self._passing = True, len(queue)
@@ -94,7 +94,7 @@ class Chunks:
         self._simulation_s -= reply.took_s  # this clock includes the answer
         actions = self._answered(reply)
         if actions.shape == (self._scene.action_space.dim,):
-            return actions  # checked when it is applied, right now
+            return actions  # checked by the caller, which applies it immediately
         self._queue_up(actions, 0)
         return self._queue.popleft()
 
@@ -180,7 +180,7 @@ class Chunks:
         queue.extend(chunk[passed : passed + horizon])
         if not queue:
             msg = (
-                f"the policy answered with {len(chunk)} actions, but {passed} steps had passed, so no action is left. "
+                f"the policy returned {len(chunk)} actions, but {passed} steps had passed, so no action is left. "
                 "Reduce ahead."
             )
             raise InvalidActionError(msg)
@@ -205,7 +205,7 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     actions = answer[None, :] if answer.shape == (space.dim,) else answer
     if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:
         msg = (
-            f"the policy answered with an array of shape {answer.shape}. {space.name} needs ({space.dim},) or "
+            f"the policy returned an array of shape {answer.shape}. {space.name} needs ({space.dim},) or "
             f"(horizon, {space.dim}) with at least one action."
         )
         raise InvalidActionError(msg)

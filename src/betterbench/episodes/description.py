@@ -11,7 +11,7 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """Facts about a trial that are not in its scene. Fields are None for a training condition or without images."""
+    """Properties of a trial that its scene does not contain; None for a training condition or without images."""
 
     policy: str
     variation: str | None = None

@@ -47,7 +47,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         observation: Name of an observation preset.
         action_space: Name of an action space; by default, the robot's usual one.
         quality: Name of a render preset.
-        looks: Looks of objects and rooms: "seen" (in demonstrations) or "unseen".
+        looks: Appearance of objects and rooms: "seen" (in demonstrations) or "unseen".
         robot: Name of a robot; by default, the robot that the task is laid out for. Its joint measurements have as
             many entries as the arm has joints.
         render_mode: "rgb_array" for images of the front camera.
@@ -69,7 +69,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     ) -> None:
         """Check all names; scenes are compiled at reset."""
         if render_mode not in (None, "rgb_array"):
-            raise InvalidInputError("render_mode", f"{render_mode!r} is not offered", "Use 'rgb_array' or None")
+            raise InvalidInputError("render_mode", f"{render_mode!r} is not supported", "Use 'rgb_array' or None")
         found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
         self._task, self._condition = found.task, found.condition
         self._spec: ObservationSpec = observation_spec(observation)

@@ -1,6 +1,6 @@
 """Lazy vector environments: environments are created at reset, for one vector environment of a group at a time.
 
-LeRobot makes the vector environments of all conditions before the first episode, but uses one at a time. Each
+LeRobot creates the vector environments of all conditions before the first episode, but uses only one at a time. Each
 environment that was reset holds a scene of about 25 MB and, in a separate process, an interpreter.
 """
 

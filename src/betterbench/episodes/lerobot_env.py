@@ -58,7 +58,7 @@ def make_env(
         cfg: LeRobot's configuration of the environment; its ``task`` replaces ``conditions``, and its attributes
             named in :data:`SETTINGS` replace ``settings``.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
-            list or one text separated by commas; default the whole suite better60.
+            list or a string separated by commas; default the whole suite better60.
         settings: Further arguments of :class:`LeRobotTaskEnv`, for all environments.
 
     Returns:

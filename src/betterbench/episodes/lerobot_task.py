@@ -54,7 +54,7 @@ def require_motors(actions: ActionSpace) -> None:
     if actions.name not in OPENING_SPACES:
         raise InvalidInputError(
             "state",
-            f"'motors' is in the units of a robot's own motors, and the action space is {actions.name!r}",
+            f"'motors' needs an action space in motor units, but the action space is {actions.name!r}",
             f"Give the action space {' or '.join(sorted(OPENING_SPACES))}, or the state 'joints'",
         )
 

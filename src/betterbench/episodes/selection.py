@@ -11,8 +11,9 @@ from betterbench.tasks.interventions import condition_names, resolve_condition
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
     """Return the conditions selected by a list of names, without duplicates, as pairs of task and condition.
 
-    A task selects all its conditions, "task/condition" a single condition. A text may contain several names, separated
-    by commas. Without names, all conditions of better60 are selected. Raises UnknownNameError for an unknown name.
+    A task selects all its conditions, "task/condition" a single condition. A string may contain several names,
+    separated by commas. Without names, all conditions of better60 are selected. Raises UnknownNameError for an unknown
+    name.
     """
     listed = [n.strip() for n in (names.split(",") if isinstance(names, str) else names or ())]
     found: dict[tuple[str, str], None] = {}

@@ -154,9 +154,7 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
     reworded = next((p for s in worded for _, p, _ in instruction_problems(s, TEMPLATES[template])), "")
     if reworded and any(stated_goal(scenario).is_specific for scenario in worded):
         cure = f"Write a sentence such as {example_about(found[0])!r}"
-        raise InvalidInputError(
-            "sentence", f"{reworded}, and another wording would lose the places that it states", cure
-        )
+        raise InvalidInputError("sentence", f"{reworded}, and another wording would lose the stated places", cure)
     return Chosen(template, tuple(found) if reworded else worded, reworded)
 
 
@@ -223,7 +221,7 @@ def choose_template(sentence: str) -> str:
     fits = "several templates" if 1 < len(close) < len(ranked) else "no template"
     problem = f"{one_line(sentence, most=80)!r} fits {fits}"
     raise InvalidInputError(
-        "sentence", problem, f"Name the objects and the container in English, or choose a template: {shown}"
+        "sentence", problem, f"State the objects and the container in English, or choose a template: {shown}"
     )
 
 
@@ -276,7 +274,7 @@ def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Gra
             if word in COLORS:
                 raise InvalidInputError("sentence", f"has no noun after {said}", f"Write 'the {word} ...' with a noun")
             example = _EXAMPLES[template]
-            problem = f"has {said}, which is not read for {template}, so the task could be another"
+            problem = f"has {said}, which is not supported in {template}, so the task might differ from the sentence"
             raise InvalidInputError("sentence", problem, f"Leave it out, or write a sentence such as {example!r}")
 
 
@@ -363,5 +361,5 @@ def _require_known(tokens: list[str], used: set[int], grammar: Grammar) -> None:
             elsewhere = [name for name in GRAMMARS if tuple(terms(noun)) in _nouns(name)]
             hint = f"; {', '.join(elsewhere)} has it" if elsewhere else ""
             raise InvalidInputError(
-                "sentence", f"{message} for {grammar.template.name}{hint}", "Name objects of the library"
+                "sentence", f"{message} for {grammar.template.name}{hint}", "Use objects of the library"
             )

@@ -138,7 +138,7 @@ def generate_scenarios(
         InvalidInputError: If a setting is wrong, or the grammar has fewer scenarios.
         UnknownNameError: If there is no such template.
         ModelError: If the model cannot be reached; earlier exchanges are kept.
-        RunConflictError: If the folder holds other files or scenarios with other settings.
+        RunConflictError: If the folder contains other files, or scenarios with other settings.
     """
     sentence = settings.sentence
     live = chat or endpoint_of(settings)
@@ -206,7 +206,7 @@ def _write_settings(out: Path, settings: GenerateSettings, *, overwrite: bool) -
     if path.is_file() and not overwrite:
         number = read_object(path, max_bytes=_MAX_BYTES, cure="Choose another folder").get("num")
         if type(number) is int and number > settings.count:
-            problem = f"{out}: this folder holds {number} scenarios, not {settings.count}"
+            problem = f"{out}: this folder contains {number} scenarios, not {settings.count}"
             raise RunConflictError(f"{problem}. Give --num {number} or more, or choose another folder.")
         changed = ("num",) if type(number) is int else ()
     write_settings(out, form, overwrite=overwrite, changed=changed)

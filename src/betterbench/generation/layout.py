@@ -38,8 +38,8 @@ class Table:
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
     """Return two objects of a condition that may touch within their jitter, or None.
 
-    Containers, fixtures and objects that are longer than wide count as the rectangle of their bounding box, other
-    objects as circles around their origin. Objects that start at a target are ignored.
+    Containers, fixtures and elongated objects are represented by the rectangle of their bounding box, other objects by
+    circles around their origin. Objects that start at a target are ignored.
     """
     placed = [(condition.object(name), slots[slot]) for name, slot in condition.layout.items()]
     for (a, at), (b, there) in itertools.combinations(placed, 2):

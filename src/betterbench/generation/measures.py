@@ -137,7 +137,7 @@ def _all_looks(category: str) -> tuple[Asset, ...]:
 
 
 def refused(spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
-    """Return the error for an object that does not fit a pattern."""
+    """Return the error for an object that a pattern cannot use."""
     return InvalidInputError(f"object {spec.name!r} ({spec.kind})", problem, cure)
 
 

@@ -27,8 +27,7 @@ from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LARGEST_ITEM_M = 0.25
-"""Maximum size of an item [m]. The largest object moved in the suite, a serving plate, measures 20 cm, and the slots
-are 13 to 20 cm apart."""
+"""Maximum size of an item [m]. The largest moved object of the suite is a serving plate of 20 cm."""
 SIZE_SLACK = 2.0
 """Tolerance factor on the usual sizes of a kind. For example, the table of kinds has no row for a pill bottle, which is
 smaller than other bottles, and a lunchbox with an open lid is longer than a closed one."""
@@ -107,7 +106,7 @@ def _name_problems(scenario: Scenario) -> Iterator[Found]:
             yield (
                 f"{path}.instance_name",
                 f"{name!r} is also the name of {first[name]}",
-                "Give each object its own name",
+                "Give each object a different name",
             )
         first.setdefault(name, path)
 

@@ -36,7 +36,7 @@ _RESULTS_WORDS = """
 sandwich burger cheeseburger hamburger tower taco cake club slider
 """
 RESULTS = frozenset(_RESULTS_WORDS.split())
-"""Nouns for what layers make."""
+"""Nouns for the result of stacking layers."""
 
 _PLURAL_ONLY = frozenset({"fries", "scissor", "headphone", "napkin"})
 """Nouns whose plural may be one object, such as a stack of napkins."""

@@ -118,7 +118,7 @@ COLLECTIVES: dict[str, str] = {
 """Collective nouns, each with the kinds of objects that it covers."""
 
 _DOMAINS = {"food": f"{_FRUIT}, {_MEAL}, {_LAYER}", "office supply": _OFFICE, "cleaning supply": _WASH}
-"""Domains of items that do not belong together, except that items of two domains are often thrown away together."""
+"""Domains of items that do not belong in the same scenario; trash may combine items of several domains."""
 
 _MEASURES_WORDS = """
 bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice stack

@@ -59,7 +59,9 @@ class Execution:
             raise InvalidInputError("ensemble", f"{self.ensemble:g} is out of range", "Give a rate; 0.01 is usual")
         if self.ensemble is not None and (self.ahead or self.horizon is not None):
             raise InvalidInputError(
-                "ensemble", "calls the policy at every step, so it excludes horizon and ahead", "Give one or the other"
+                "ensemble",
+                "calls the policy at every step, so it cannot be combined with horizon or ahead",
+                "Give only one of them",
             )
 
 

@@ -1,4 +1,4 @@
-"""Process that answers requests over a socket, for a policy or another world's simulator."""
+"""Child process that answers requests over a socket: a policy, or another world's simulator."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class AskedProcess:
             if number == self._asked:
                 return document, arrays
             if number > self._asked:
-                raise FrameError(f"a frame has the number {number} instead of {self._asked}")
+                raise FrameError(f"expected frame number {self._asked}, got {number}")
 
     def sendall(self, data: bytes) -> None:
         """Send all bytes; raise the errors of :meth:`recv`."""
@@ -138,12 +138,12 @@ class AskedProcess:
             raise TimeoutError
 
     def hang_up(self) -> None:
-        """Signal the end of the requests to the process."""
+        """Tell the process that no more requests will follow."""
         with contextlib.suppress(OSError):
             self._link.shutdown(socket.SHUT_WR)
 
     def kill(self) -> None:
-        """Kill the process and its group, which ends waits for an answer."""
+        """Kill the process and its group; waiting for an answer then ends with an error."""
         if self._is_over:
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):

@@ -18,9 +18,9 @@ def require_free(path: Path, what: str, *, file: str, besides: Collection[str] =
 
     Args:
         path: Job folder.
-        what: Name of what the job makes, for the message ("run").
+        what: Name of the job's output in the message ("run").
         file: File that describes the job; a folder with this file is not checked.
-        besides: Names of other files that an unstarted job may have left.
+        besides: Names of other files that may remain from a job that failed to start.
     """
     if path.exists() and not path.is_dir():
         raise RunConflictError(f"{path}: this is a file. Choose another folder for the {what}.")
@@ -49,7 +49,7 @@ def require_same(
         path: Job folder.
         there: JSON value that describes the job in the folder.
         asked: JSON value that describes the requested job.
-        what: Name of what the job makes, for the message ("run").
+        what: Name of the job's output in the message ("run").
         where: Name of the description, for the message ("plan").
         cure: Remedy, for resuming.
         cures: Other remedies, by the first field of the description that differs.
@@ -59,7 +59,7 @@ def require_same(
         place, stored, wanted = difference
         field = place.removeprefix(f"{where}.").split(".")[0]
         raise RunConflictError(
-            f"{path}: this folder holds another {what}: {place} is {stored} there and {wanted} here. "
+            f"{path}: this folder contains another {what}: {place} is {stored} there and {wanted} here. "
             f"{(cures or {}).get(field, cure)}, or choose another folder."
         )
 

@@ -19,7 +19,7 @@ from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, lin
 from betterbench.json_form import dump_json, read_form, strict_form
 
 LONGEST_TEXT = 500
-"""Largest length of a reason [characters]."""
+"""Maximum length of a reason [characters]."""
 CURE = "Restore the file from a copy, or review into a new file"
 """Remedy for a damaged journal."""
 
@@ -35,7 +35,7 @@ _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The verdict of a person: accept as found, fix (accept with the changes), or reject with a reason."""
+    """A person's verdict: accept unchanged, fix (accept with the changes), or reject with a reason."""
 
     verdict: Literal["accept", "fix", "reject"]
     reason: _Text = ""
@@ -116,13 +116,13 @@ class History(Generic[LineT]):
         """Return the history with one more decision.
 
         Raises:
-            RecordError: If an undo does not name the last active decision, or a verdict does not fit the changes.
+            RecordError: If an undo does not refer to the last active decision, or a verdict does not match the changes.
         """
         decision = review.decision
         if isinstance(decision, Undo):
             if self.last is None or self.last[0] != decision.line:
                 stands = "there is none" if self.last is None else f"it is line {self.last[0]}"
-                problem = f"it undoes line {decision.line} and not the last standing decision on {review.subject}"
+                problem = f"it undoes line {decision.line}, which is not the last active decision on {review.subject}"
                 raise RecordError(f"{where}: {problem} ({stands}). {CURE}.")
             return History(self.reviews[:-1])
         problem = review.misfit(len(self.changes))
@@ -189,7 +189,7 @@ class DecisionJournal(LineJournal, Generic[LineT]):
 
         Raises:
             InvalidInputError: If a field of the decision is not valid.
-            RecordError: If the decision does not fit those before it.
+            RecordError: If the decision contradicts earlier decisions.
         """
         self.check(review)
         form = self.form(review)
@@ -220,7 +220,7 @@ def read_decisions(adapter: TypeAdapter[LineT], path: Path) -> tuple[LineT, ...]
         RecordError: If the file is missing, was changed by hand, or has lines of another form.
     """
     if not path.exists():
-        raise RecordError(f"{path}: does not exist. Name a file that better review has written.")
+        raise RecordError(f"{path} does not exist. Give a file written by `better review`.")
     lines, _ = complete_lines(path)
     return tuple(review for review, _ in _parsed(adapter, path, lines))
 

@@ -62,9 +62,11 @@ class DurableFile:
     ) -> None:
         with contextlib.suppress(OSError):  # a full disk was already reported
             self.file.close()
-        with contextlib.suppress(OSError):  # it was already moved, or its folder is gone or protected
+        with contextlib.suppress(OSError):  # the file was already moved, or its folder was removed or is protected
             self.part.unlink()
-        if isinstance(error, OSError) and error.filename is None:  # write errors have no file name
+        if (
+            isinstance(error, OSError) and error.filename is None
+        ):  # an error while writing does not contain the file name
             with on_disk(self._path):
                 raise error
 
@@ -86,7 +88,7 @@ class DurableFile:
                 sync_folder(self._path.parent)
         except (FileNotFoundError, NotADirectoryError) as error:
             raise StorageError(
-                f"{self._path}: its folder was removed or moved while this was written. Run the same command again."
+                f"{self._path}: its folder was removed or moved while the file was written. Run the same command again."
             ) from error
 
 

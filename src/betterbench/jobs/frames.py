@@ -30,7 +30,7 @@ _MAX_AXES = 32
 _BLOCK = 1 << 20
 _ALIGNED = 8
 """Alignment of the arrays in a frame [byte]."""
-_ENCODE = json.JSONEncoder(allow_nan=False).encode  # bound before a policy can replace it
+_ENCODE = json.JSONEncoder(allow_nan=False).encode  # stored at import, before a policy can replace it
 _BROKEN = (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, SyntaxError, TypeError, ValueError)
 
 
@@ -101,9 +101,9 @@ def receive_frame(link: Link, *, any_type: bool = False) -> tuple[int, dict[str,
         document = _loaded(frame[:head_bytes])
         places, end = _places(frame[head_bytes:body_at], any_type)
         if not isinstance(document, dict):
-            raise TypeError(f"it contains a {type(document).__name__} instead of a document")
+            raise TypeError(f"expected a JSON object, got {type(document).__name__}")
         if end != body_bytes:
-            raise ValueError(f"it holds {body_bytes} bytes of arrays and names {end}")
+            raise ValueError(f"it contains {body_bytes} bytes of arrays but declares {end}")
         arrays = {
             name: np.empty(shape, dtype) if dtype.hasobject else np.ndarray(shape, dtype, frame, body_at + at)
             for name, dtype, shape, at in places
@@ -163,13 +163,13 @@ def _places(text: bytes, any_type: bool) -> tuple[tuple[tuple[str, np.dtype[Any]
     for name, (kind, shape) in _loaded(text).items():
         known = isinstance(kind, str) and (len(kind) <= _LONGEST_TYPE if any_type else _TYPES.fullmatch(kind))
         if not known:
-            raise ValueError(f"an array has the type {str(kind)[:40]!r}")
+            raise ValueError(f"the type of an array is invalid: {str(kind)[:40]!r}")
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
-            raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
+            raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
         # NumPy rejects sizes that are too large even if another size is 0
         if not dtype.itemsize or math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES:
-            raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
+            raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))
         at += 0 if dtype.hasobject else math.prod(shape) * dtype.itemsize
     return tuple(found), at
@@ -193,4 +193,4 @@ def _failed(error: OSError) -> FrameError:
     """Return the error for a link that cannot be read or written."""
     if isinstance(error, TimeoutError):
         return FrameTimeoutError("no answer in time")
-    return FrameEndError(f"it cannot be reached ({error})")
+    return FrameEndError(f"the connection failed ({error})")

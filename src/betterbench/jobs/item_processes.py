@@ -51,7 +51,7 @@ def _pooled(
     workers: int,
     work: Callable[[ItemT], FoundT],
 ) -> Iterator[FoundT]:
-    """Yield the results of a pool with the ``pending`` items: all suspects one by one, or all waiting items."""
+    """Yield a pool's results; ``pending`` contains its items: all waiting items, or one suspect at a time."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     started: set[BaseProcess] = set()
@@ -64,7 +64,7 @@ def _pooled(
                     new = ledger.take(2 * workers - len(pending))
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
-                with interrupts_blocked():  # the parent process handles Ctrl-C
+                with interrupts_blocked():  # the started processes ignore Ctrl-C, which this process handles
                     others = set(multiprocessing.active_children()) - started
                     for item in new:
                         pending[pool.submit(work, item)] = item
@@ -79,6 +79,6 @@ def _pooled(
                     yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in started:  # Python would wait for their current items
+            for process in started:  # otherwise, Python would wait for their current items
                 process.kill()
             raise

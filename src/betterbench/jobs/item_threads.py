@@ -1,4 +1,4 @@
-"""Processing of many items, such as trials, in threads that each own a resource such as a renderer."""
+"""Processing of many items, such as trials, in threads, each with its own resource, such as a renderer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Stoppable(Protocol):
     """A resource of a thread."""
 
     def stop(self) -> None:
-        """Let threads that wait for the resource fail soon with an error."""
+        """Make threads that wait for the resource fail soon with an error."""
 
 
 class NoResource(AbstractContextManager["NoResource"]):
@@ -83,7 +83,7 @@ def in_threads(
         try:
             pending += [pool.submit(run, item) for item in itertools.islice(waiting, workers + ahead)]
             while pending:
-                done = [future.done() for future in pending]  # once: others may end meanwhile
+                done = [future.done() for future in pending]  # read once, because more may end meanwhile
                 failed = next((i for i, f in enumerate(pending) if done[i] and f.exception() is not None), None)
                 if failed is not None and not (in_order and done[0] and failed > 0):
                     pending[failed].result()

@@ -18,7 +18,7 @@ def end_leftovers(variable: str, value: str, session: int) -> None:
     ``/proc``, this function does nothing.
     """
     mark = f"{variable}={value}".encode()
-    for _ in range(_ROUNDS):  # repeated, because they may start further processes
+    for _ in range(_ROUNDS):  # repeated, because the processes may start others
         found = list(_marked(mark, session))
         if not found:
             return

@@ -32,7 +32,7 @@ _ANSWER, _REFUSED, _WRONG_INPUT, _MISSING = range(4)
 _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _SLICE_S = 10.0
-"""Longest slice of a wait [s]."""
+"""Maximum duration of one wait [s]; longer waits are divided, see :class:`_Patience`."""
 _ENDS_WITHIN_S = 5.0
 """Time for a process to end after it has closed its pipe [s]."""
 _BLOCK = 1 << 16
@@ -53,7 +53,7 @@ class ProcessLateError(LimitedProcessError):
 
 
 class RefusedError(LimitedProcessError):
-    """The process has answered that it cannot do what was requested; the message is the reason."""
+    """The process has rejected the request; the message is the reason."""
 
 
 class LimitedProcess:
@@ -65,7 +65,7 @@ class LimitedProcess:
         """Start a process.
 
         Args:
-            main: Function that the process calls with the arguments as texts ("module:function"); it ends with
+            main: Function that the process calls with the arguments as strings ("module:function"); it ends with
                 :func:`answer_requests`.
             arguments: Its arguments.
             cpu_s: CPU time limit of an answer, for messages only [s]; :func:`answer_requests` sets the limit.
@@ -83,7 +83,7 @@ class LimitedProcess:
             env={**os.environ, "PYTHONPATH": paths, **(environment or {})},
         )
         os.set_blocking(_opened(self._process.stdin).fileno(), False)
-        with contextlib.suppress(OSError):  # the size may exceed the user's limit
+        with contextlib.suppress(OSError):  # the size may exceed the user's pipe limit
             fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
     @property
@@ -230,7 +230,7 @@ def _opened(pipe: object) -> BinaryIO:
     return pipe  # type: ignore[return-value]
 
 
-# ------------------------------------------------------------------------------------------------- in the process
+# ----------------------------------------------------------------------------------------------- child process
 
 
 def answer_requests(

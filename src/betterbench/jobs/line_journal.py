@@ -37,8 +37,8 @@ class LineJournal:
     Opening locks the folder (RunConflictError if another process holds the lock), passes all complete lines to
     :meth:`_take_in` and removes an unfinished last line left by a killed process. Each appended line is on disk when
     :meth:`_append_line` returns, unless it may wait. A file that another program removes, replaces or truncates is
-    written again. With ``alone``, only the file is locked, not its folder. With ``renews``, the complete folder may be
-    removed, because its owner writes the other files again; otherwise, StorageError is raised.
+    written again. With ``alone``, only the file is locked, not its folder. With ``renews``, the journal continues even
+    if the folder is removed, because its owner writes the other files again; otherwise, StorageError is raised.
     """
 
     def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
@@ -75,8 +75,8 @@ class LineJournal:
     def _append_line(self, form: object, *, within_s: float = 0.0) -> None:
         """Append a JSON value and flush it to disk; after an OSError, the file is unchanged.
 
-        With ``within_s``, the line is flushed with a later line or at the end, if the last flush is more recent [s]. A
-        killed process then loses no line, but a power cut may.
+        With ``within_s`` [s], flushing is postponed if the last flush was more recent. A killed process then still
+        keeps all lines, but a power cut may lose some.
         """
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
@@ -155,7 +155,7 @@ def link_after(before: str, form: Mapping[str, object]) -> str:
 
 def not_following(where: str, cure: str) -> RecordError:
     """Return the error about a line whose link does not match."""
-    return RecordError(f"{where} does not follow from the lines before it: one was changed, removed or moved. {cure}.")
+    return RecordError(f"{where} does not match the lines before it: a line was changed, removed or moved. {cure}.")
 
 
 def linked_forms(
@@ -169,7 +169,7 @@ def linked_forms(
         cure: Remedy for a changed line.
         first: Number of the first of these lines.
         before: Link of the previous line.
-        needed: False for a file that may begin with lines of earlier versions, without links; this is logged.
+        needed: False if the file may begin with lines of earlier versions, which have no links; a warning is logged.
 
     Raises:
         RecordError: If a line is not a JSON object, or does not follow from the lines before it.
@@ -193,9 +193,9 @@ def linked_forms(
 
 
 def _require_begun(path: Path, begun: bytes) -> None:
-    """Refuse to truncate anything except the beginning of a line, or zeros after the machine crashed."""
+    """Raise RecordError unless the end is the beginning of a line, or zeros left by a crash of the machine."""
     if begun not in (b"{", b"\0"):
-        raise RecordError(f"{path}: does not end as a journal does. Restore the file from a copy.")
+        raise RecordError(f"{path}: its end is not an unfinished journal line. Restore the file from a copy.")
 
 
 def complete_lines(path: Path) -> tuple[list[bytes], int]:

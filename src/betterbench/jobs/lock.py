@@ -45,7 +45,7 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """Reference to a folder locked by a process, to be passed to its workers; small and picklable.
+    """Reference to a folder that a process has locked, which it passes to its workers; small and picklable.
 
     Attributes:
         lock: File of the lock.
@@ -69,13 +69,14 @@ class HeldFolder:
 
 
 class RunLock:
-    """Exclusive lock on a run folder, released when its process ends.
+    """Exclusive lock on a run folder, released at the latest when the process ends.
 
     The lock file remains, but only the kernel's lock matters, so a crash leaves nothing to clean up. Forked processes
     do not keep the lock. While the lock is held, no file is written below the folder through a link that leads out of
     the folder (:mod:`betterbench.jobs.places`), or after the folder was removed or moved (:func:`require_held`),
     because earlier files would then be missing. With ``renews``, the owner writes the earlier files again, and the lock
-    is taken again. Messages name the ``output``, if its parts are collected in the folder.
+    is taken again. If ``output`` is given, messages
+    name this path instead of the folder, which only contains its parts.
 
     Raises:
         RunConflictError: If another process holds the lock, unless ``waits`` is set.
@@ -90,10 +91,10 @@ class RunLock:
         self._output = output or path.parent
         self._handle: int | None = None
         self._renewing = threading.Lock()
-        if is_claimed_here(self._folder):  # this command has already locked the journal's folder
+        if is_claimed_here(self._folder):  # this thread has already locked the folder
             return
         require_guarded(path)
-        for around in _around():  # otherwise, its folder would be created inside a removed folder
+        for around in _around():  # do not create this folder inside a locked folder that was removed
             if around.folder != self._folder:
                 around.require_folder(path)
         self._handle = self._noted(waits=waits)

@@ -1,10 +1,10 @@
 """Output files and folders of commands. Files that better did not write are not replaced.
 
-One rule applies to every verb. A file is ours if it has the mark of the subcommand (:func:`mark_of`) or content that
-the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand, and a file in the
-folder is ours if the list contains its SHA-256: an edited page belongs to the user. Our files are always replaced,
-other files only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is open, no other
-process can write to it, and unfinished files of killed processes are deleted.
+The same rule applies to every subcommand. A file is ours if it has the mark of the subcommand (:func:`mark_of`) or
+content that the subcommand recognizes. A folder is ours if its list ``.written.json`` names the same subcommand, and a
+file in the folder is ours if the list contains its SHA-256: an edited page belongs to the user. Our files are always
+replaced, other files only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is open,
+no other process can write to it, and unfinished files of killed processes are deleted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LIST_NAME = ".written.json"
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""Number of bytes at either end of a file that are searched for a mark. PNG has texts first, MP4 last."""
+"""Number of bytes searched for a mark at the beginning (comments of PNG files) and the end (of MP4 files)."""
 
 
 def mark_of(verb: str) -> str:
@@ -68,7 +68,7 @@ def require_replaceable(
         return
     if not (stat.S_ISREG(there) or stat.S_ISLNK(there)):
         what = "a folder" if stat.S_ISDIR(there) else "a pipe, socket or device"
-        raise RunConflictError(f"{path} is {what}, not a file, and is never replaced. Name another file.")
+        raise RunConflictError(f"{path} is {what}, which is never replaced. Give another file name.")
     if overwrite:
         return
     if stat.S_ISLNK(there):
@@ -79,8 +79,8 @@ def require_replaceable(
 
 def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
     return RunConflictError(
-        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Name another file, "
-        "or give --overwrite."
+        f"{path}: {what} that better {verb} did not write already exists here and is not replaced. Give another file "
+        "name, or give --overwrite."
     )
 
 
@@ -176,7 +176,9 @@ class OutputFolder:
             remove_parts(self.path)
             guard(self.path, self)
             stack.callback(unguard, self.path, self)
-            if self._listed() is None:  # written first, to mark the folder of a killed command as ours
+            if (
+                self._listed() is None
+            ):  # written first, so that the folder is recognized as ours even if the command is killed
                 self._store()
             self._stack = stack.pop_all()
         return self
@@ -210,7 +212,7 @@ class OutputFolder:
         others = [p for p in entries if not self._holds(p)] if listed is None else []
         if others and not self._takes_all:
             raise RunConflictError(
-                f"{path}: the folder holds {others[0].name}, and better {self._verb} did not write this folder. Choose "
+                f"{path}: the folder contains {others[0].name}, and better {self._verb} did not write it. Choose "
                 "an empty or a new folder, or give --overwrite to keep other files and replace files of the "
                 "same names."
             )

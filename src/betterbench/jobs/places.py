@@ -1,8 +1,8 @@
 """Guards against writing outside an output folder through a symbolic link.
 
-An untrusted run folder may contain a link to one of the user's files, but naming an output folder permits writing only
-inside this folder. Every path written below a folder that this process has locked
-(:class:`~betterbench.jobs.lock.RunLock`) must therefore still be inside the folder after all links are resolved.
+An untrusted run folder may contain a link to one of the user's files, which must not be overwritten. After all links
+are resolved, every path written below a folder that this process has locked
+(:class:`~betterbench.jobs.lock.RunLock`) must therefore still be inside this folder.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _GUARDED: dict[Path, list[FolderClaim | None]] = {}
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
-    """Guard a folder until :func:`unguard` has been called equally often."""
+    """Guard a folder until :func:`unguard` has been called as often as this function."""
     _GUARDED.setdefault(folder, []).append(claim)
 
 
@@ -66,7 +66,7 @@ def claim_of(path: Path) -> FolderClaim | None:
 def require_inside(path: Path, folder: Path) -> None:
     """Raise InvalidInputError with the name of the link if a path below a folder leads out of the folder."""
     top = os.path.realpath(folder)
-    if Path(os.path.realpath(path)).is_relative_to(top):  # does not fail, even for loops of links
+    if Path(os.path.realpath(path)).is_relative_to(top):  # realpath does not fail, even if links form a loop
         return
     link = folder
     for part in path.relative_to(folder).parts:
@@ -97,7 +97,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing in place, creating it if missing, and return its descriptor.
 
-    A journal and a lock are written in place, so another file under that name would be changed.
+    A journal or lock is modified in place, so a link under its name would change another file.
 
     Raises:
         InvalidInputError: If it is a link, not an ordinary file, or has a second name (a hard link).
@@ -110,13 +110,13 @@ def open_in_place(path: Path) -> int:
         if error.errno == errno.ELOOP:
             raise InvalidInputError(str(path), "is a symbolic link", "Remove the link") from error
         if error.errno == errno.ENXIO:
-            raise InvalidInputError(str(path), "is not an ordinary file", "Move it away") from error
+            raise InvalidInputError(str(path), "is not a regular file", "Move it away") from error
         raise
     found = os.fstat(handle)
     if stat.S_ISREG(found.st_mode) and found.st_nlink < 2:
         return handle
     os.close(handle)
     if not stat.S_ISREG(found.st_mode):
-        raise InvalidInputError(str(path), "is not an ordinary file", "Move it away")
-    problem = "has a second name (a hard link), whose file would be changed too"
+        raise InvalidInputError(str(path), "is not a regular file", "Move it away")
+    problem = "has a second name (a hard link), so another file would be changed too"
     raise InvalidInputError(str(path), problem, "Replace it by a copy")

@@ -23,7 +23,7 @@ _DRAIN_S = 0.5
 class ProcessOutput:
     """Pipe that replaces standard output and standard error of a process.
 
-    The process must not get our own standard error, because it could change the flags and length of that file.
+    The process does not get our own standard error, because it could change that file's flags or truncate it.
 
     Attributes:
         theirs: File descriptor for the process.

@@ -1,4 +1,4 @@
-"""Retry ledger: remaining items, items whose workers died, and retry limits."""
+"""Bookkeeping of retries: remaining items, items whose workers died, and limits."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""Number of worker deaths after which an item is given up. After the first death, the item runs alone."""
+"""Number of worker deaths after which an item is abandoned. After the first death, the item runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
-"""Number of consecutive worker deaths, without a finished item, after which the job is given up."""
+"""Number of consecutive worker deaths, without a finished item, after which the job ends with an error."""
 
 Item = TypeVar("Item", bound=Hashable)
 

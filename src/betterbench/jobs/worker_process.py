@@ -1,4 +1,4 @@
-"""Worker processes for a job: start with a pipe, signals, thread counts, and end together with the parent process."""
+"""Worker processes for a job: pipe, signals, thread counts, and termination together with the parent process."""
 
 from __future__ import annotations
 

@@ -25,10 +25,10 @@ _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An option of an address, written ``?name=value``.
+    """Option of an address, written ``?name=value``.
 
     Attributes:
-        name: Name. A key follows a name that ends with a period: ``camera.KEY=value``.
+        name: Name. If it ends with a period, a key follows: ``camera.KEY=value``.
         meaning: Description of the value with its unit, for messages ("the deadline of one answer [s]").
         reads: Type of the value; numbers are finite and ≥ 0.
         most: Largest allowed number; infinity for no limit.
@@ -69,7 +69,7 @@ CONNECTION = (
     Option("api_key_env", "the environment variable with the key"),
     Option("tls", "whether the connection is encrypted: true or false"),
 )
-"""Options for the connection to a server: timeouts, retries, keys and encryption."""
+"""Options of a server connection: timeouts, retries, API key and encryption."""
 
 ADAPTER = (
     Option("preset", "the name of the policy's layout of requests"),
@@ -155,7 +155,7 @@ class AddressForm:
                 where, f"its options cannot be read ({error})", "Write ?key=value&key=value"
             ) from None
         if pairs and not self.options:
-            raise InvalidInputError(where, f"{self.scheme} takes no options", f"Write {self.example}")
+            raise InvalidInputError(where, f"{self.scheme} does not take options", f"Write {self.example}")
         options = dict(pairs)
         for name, value in pairs:
             option = next((option for option in self.options if option.fits(name)), None)
@@ -252,9 +252,9 @@ class PolicyAddress:
     def execution(self, usual_horizon: int | None = None) -> Execution:
         """Return the settings for executing action chunks.
 
-        Raise InvalidInputError if the options contradict each other.
+        Raises InvalidInputError if the options contradict each other.
 
-        ``usual_horizon`` is the adapter's, used if the address sets neither a horizon nor an ensemble.
+        ``usual_horizon`` is the adapter's horizon. It is used if the address sets neither horizon nor ensemble.
         """
         ahead, horizon = self.whole("ahead", 0), None
         if "horizon" in self.options:
@@ -263,8 +263,8 @@ class PolicyAddress:
             horizon = usual_horizon
             if horizon is not None and ahead >= horizon:
                 raise self.error(
-                    f"ahead={ahead} is not less than the {horizon} actions of a chunk that its preset executes",
-                    "Give horizon=N too",
+                    f"ahead={ahead} must be less than the {horizon} actions per chunk that its preset executes",
+                    "Give horizon=N with a larger N too",
                 )
         return Execution(
             horizon=horizon, ahead=ahead, ensemble=self.number("ensemble") if "ensemble" in self.options else None
@@ -279,7 +279,7 @@ class PolicyAddress:
             self.number(name)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0; raise InvalidInputError for other values and above the option's limit."""
+        """Return a finite number ≥ 0; raise InvalidInputError for other values or above the option's limit."""
         text = self.options.get(name)
         if text is None:
             return default

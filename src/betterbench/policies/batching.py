@@ -33,8 +33,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     """Collector for requests from many threads, answered in batches by one thread.
 
     Requests that arrive during a call form the next batch, so a busy policy gets large batches and an idle policy
-    answers at once. If further requests are expected, a call waits for them, but no longer than the shortest call so
-    far has taken: otherwise several callers of one server would take turns sending small batches. If a batch fails, its
+    answers at once. If further requests are expected, the next call waits for them, but at most as long as the shortest
+    call so far: otherwise several callers of one server would alternate with small batches. If a batch fails, its
     requests are sent one by one, so that each caller gets only the error of its own request.
     """
 
@@ -47,8 +47,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     ) -> None:
         """Start the thread that calls ``answer``.
 
-        ``expected`` returns how many requests may be pending at once, including the current ones. The thread calls this
-        function.
+        ``expected`` returns how many requests may be pending at once, including the current ones; it is called by that
+        thread.
         """
         self._answer, self._limit, self._expected = answer, max(1, limit), expected
         self._shortest_s = math.inf  # duration of the shortest call
@@ -107,7 +107,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
                 return
 
     def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
-        """Wait for the requests of the next call; None at the end marks a closed collector."""
+        """Wait for the requests of the next call. If the collector is closed, the last element is None."""
         waiting = [self._waiting.get()]
         until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)
         while len(waiting) < self._limit and waiting[-1] is not None:

@@ -1,4 +1,4 @@
-"""Decision rules of privileged policies, which the motor skills carry out."""
+"""Decision rules of privileged policies; motor skills execute the decisions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ class GraspOffset:
     """Deliberate grasp error, for faulty policies.
 
     Attributes:
-        miss_by_m: Gap between pads and object when the gripper closes next to the object [m], or None for a good grasp.
+        miss_by_m: Gap between the finger pads and the object when the gripper closes beside it [m], or None for a good
+            grasp.
         drop: Whether to open the gripper in mid-air after the lift.
     """
 
@@ -51,7 +52,7 @@ class GraspAt:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """Decision to start toward an object and then stop for good or, without an object, to never start."""
+    """Decision to move toward an object and then stop permanently or, without an object, never to move."""
 
     toward: str | None
 
@@ -71,7 +72,7 @@ Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Trial, as known to a decision rule in addition to the state.
+    """Facts about the trial that a decision rule gets in addition to the state.
 
     Attributes:
         task: The task, with its training conditions.
@@ -148,7 +149,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     resolve = situation.condition.resolve
     served = {
         n for g in goals for n in resolve(g.reference) if at_target(state, n, g.target, g.relation, g.region)
-    }  # objects that already fulfill another subgoal stay
+    }  # do not take objects that already fulfill another subgoal
     names = [n for n in resolve(goal.reference) if n not in served]
     if not names:
         return None

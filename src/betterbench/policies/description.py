@@ -1,4 +1,4 @@
-"""Policy description: declarations as JSON of bounded size, for comparison between runs."""
+"""Description of a policy: its declarations as JSON of limited size, to compare them when a run resumes."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no simulator
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import a simulator
     from betterbench.sim.worlds import TrialScene
 
 SOURCE = "source file"
@@ -31,7 +31,7 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
     Raises:
         UnknownNameError: If no policy has this address.
         InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
-        RecordError: If the run to replay does not exist.
+        RecordError: If the run that a replay policy uses does not exist.
         PolicyUnavailableError: If a server cannot be reached.
         HandshakeError: If a server declares other conventions.
     """
@@ -93,7 +93,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Policy declarations, built for this purpose on first use.
+        """Policy declarations; the policy is created for them on first use.
 
         Raises the errors of :func:`check_policy`.
         """
@@ -109,7 +109,7 @@ class PolicyFactory:
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers observations from many environments. This builds the policy."""
+        """Whether one instance answers observations from many environments. Reading this creates the policy."""
         return bool(self.info) and self._takes_batches
 
     def check(
@@ -160,13 +160,13 @@ class PolicyFactory:
                 close_policy(made)
                 raise HandshakeError(
                     f"{self.address}: the policy has changed since the run began: {found[0]} was {found[1]} "
-                    f"and is now {found[2]}. Start the first one and run the same command again, or give "
+                    f"and is now {found[2]}. Start the first policy and run the same command again, or give "
                     "--allow-changed-policy to continue with both in one run."
                 )
         return made
 
     def close(self) -> None:
-        """Close an instance that was made but not taken. Closing it again is harmless."""
+        """Close an instance that was created but not taken. May be called more than once."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
@@ -179,17 +179,17 @@ class PolicyFactory:
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> PolicyInfo:
-    """Return a policy's declarations in a given run, in whose action space it answers.
+    """Return a policy's declarations with the action space of a run.
 
-    Raises InvalidInputError if the policy answers in another one.
+    Raises InvalidInputError if the policy returns actions in another action space.
     """
-    kind = find_kind(address)  # None for a policy object that the caller of a run has given
+    kind = find_kind(address)  # None for a policy object passed by the caller of a run
     if kind is not None and action_space in kind.spaces:
         return replace(info, action_space=str(action_space))
     if info.action_space and action_space not in (None, info.action_space):
         raise InvalidInputError(
             "action space",
-            f"the policy {address} answers in {info.action_space!r}, the run uses {action_space!r}",
+            f"the policy {address} returns actions in {info.action_space!r}, but the run uses {action_space!r}",
             space_cure(info.action_space),
         )
     return info

@@ -41,7 +41,7 @@ def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict
     """Return the arrays of a file by name, (rows,) or (rows, width); numbers may be NaN.
 
     Raises:
-        RecordError: If the file cannot be read, or a column is missing, of another kind or has empty cells.
+        RecordError: If the file cannot be read, or a column is missing, has another kind or has empty cells.
     """
     raw = read_bounded(path, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     try:

@@ -103,13 +103,13 @@ class RecordBuilder:
         step = len(self._states)
         if state.step != step:
             raise InvalidInputError(
-                "state.step", f"{state.step} instead of {step}", "Append every control step exactly once"
+                "state.step", f"expected {step}, got {state.step}", "Append every control step exactly once"
             )
         if state.info is not self._info:
             self._check_scene(state)
         if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
             raise InvalidInputError(
-                "action", f"given or missing in row {step}", "Give both actions in every row but row 0"
+                "action", f"wrongly given or missing in row {step}", "Give both actions in every row except row 0"
             )
         if action is None or applied is None:
             action = applied = self._no_action
@@ -136,7 +136,7 @@ class RecordBuilder:
         """
         self._check_truths(predicates, subgoals)
         if len(self._truths) >= len(self._states):
-            problem = f"already given for all {len(self._states)} rows"
+            problem = f"all {len(self._states)} rows already have their relations"
             raise InvalidInputError("predicates, subgoals", problem, "Append a row before its relations")
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
 
@@ -161,7 +161,7 @@ class RecordBuilder:
         dump_json(asdict(outcome))
         rows = len(self._states)
         if len(self._truths) != rows:
-            problem = f"given for {len(self._truths)} of {rows} rows"
+            problem = f"only {len(self._truths)} of {rows} rows have their relations"
             raise InvalidInputError("predicates, subgoals", problem, "Append the relations of every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
@@ -225,13 +225,15 @@ class RecordBuilder:
         if -2 in held:
             row = held.index(-2)
             problem = f"{self._states[row].held!r} is not an object (row {row})"
-            raise InvalidInputError("state.held", problem, "Name a scene object")
+            raise InvalidInputError("state.held", problem, "Give the name of a scene object")
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
         """Raise InvalidInputError if a state belongs to another scene than the metadata."""
         if state.info != self._info:
-            raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
+            raise InvalidInputError(
+                "state.info", "differs from the scene of the metadata", "Use the same SceneInfo for both"
+            )
         self._info = state.info  # makes the next comparison a fast identity check
 
     def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
@@ -242,7 +244,7 @@ class RecordBuilder:
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
-        """Keep references to the simulator's arrays, which are reused during an episode; raise if a shape changes."""
+        """Check the simulator's arrays at first use in an episode; raise InvalidInputError if a shape has changed."""
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:

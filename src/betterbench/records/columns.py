@@ -157,7 +157,7 @@ def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, 
     pairs = np.stack([items.field(0).to_numpy(), items.field(1).to_numpy()], axis=1)
     held = arrays["held"].astype(np.int64)
     if pairs.size and (pairs.min() < 0 or pairs.max() >= bodies):
-        raise RecordError("a contact names a body that is not listed; record the trial again")
+        raise RecordError("a contact refers to a body that is not listed; record the trial again")
     if held.min() < -1 or held.max() >= widths["objects"]:
         raise RecordError("the held object is not in the scene; record the trial again")
     return arrays, Contacts((offsets - offsets[0]).astype(np.int32), pairs, items.field(2).to_numpy())

@@ -13,7 +13,7 @@ LIBRARY_CREDIT = "betterbench procedural library, Apache-2.0"
 
 
 class CreditedObject(Protocol):
-    """Scene object with the origin of its asset; the texts are empty for the procedural library."""
+    """Scene object with the origin of its asset; source and license are empty for the procedural library."""
 
     @property
     def asset(self) -> str:
@@ -70,7 +70,7 @@ def credits_of_runs(runs: Sequence[RunFolder]) -> tuple[str, ...]:
     """
     found: dict[tuple[str, str, str], CreditedObject] = {}
     for run in runs:
-        if not run.world.measured:  # its objects are of another benchmark
+        if not run.world.measured:  # the objects belong to another benchmark
             continue
         for entry in run.entries():
             if entry.status == "done":

@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
 
 DemonstratorKind = Literal["expert", "amplified", "teleoperated"]
-"""Kind of demonstrator: a privileged expert, other demonstrations adapted to a new start, or a person."""
+"""Kind of demonstrator: a privileged expert, other demonstrations adapted to a new initial state, or a person."""
 
 SkillKind = Literal["pick", "place", "slide", "miss"]
 """Kind of skill: pick an object, place it, slide it along its rails, or miss (close and open the gripper on

@@ -113,8 +113,8 @@ class Journal(LineJournal):
         """Append a finished trial and force it to disk.
 
         Raises:
-            InvalidInputError: If the entry could not be read back, because a figure is not finite or a field has the
-                wrong type.
+            InvalidInputError: If a number is not finite or a field has the wrong type, so that the entry could not be
+                read back.
             RunConflictError: If the trial is already finished.
             OSError: If the disk is full; the journal is then unchanged.
             ValueError: If the journal is closed.
@@ -126,7 +126,7 @@ class Journal(LineJournal):
         self._append(entry)
 
     def reopen(self, key: TrialId, reason: str) -> None:
-        """Append a mark that a finished trial without a record must be repeated.
+        """Append a line which states that a finished trial without a usable record must be repeated.
 
         Raises the same errors as :meth:`append`. Does nothing if the trial is not finished.
         """
@@ -135,7 +135,7 @@ class Journal(LineJournal):
 
     def _append(self, entry: JournalEntry) -> None:
         form = asdict(entry)
-        read_form(_LINE, form, where="journal entry", cure="Leave the field out or give a value of its type")
+        read_form(_LINE, form, where="journal entry", cure="Leave out the field or give a value of its type")
         link = link_after(self._link, form)
         self._append_line({**form, "link": link})
         self._entries[entry.key], self._link = entry, link

@@ -1,4 +1,4 @@
-"""Metadata of a record: trial, versions, and outcome of the episode."""
+"""Metadata of a record: trial, versions, and the episode's outcome."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Outcome:
     def __post_init__(self) -> None:
         """Raise InvalidInputError for a contradictory outcome."""
         if self.termination not in TERMINATIONS:
-            problem = f"{self.termination!r} is not a reason to end an episode"
+            problem = f"{self.termination!r} is not a termination"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
         if self.success and self.termination in ("failure", "policy_error", "interrupted"):
             raise InvalidInputError(
-                "success", f"true although the episode ended by {self.termination}", "Give one of them"
+                "success", f"is True although the episode ended by {self.termination}", "Correct one of them"
             )
         for name in ("clipped_actions", "invalid_actions"):
             if getattr(self, name) < 0:
@@ -64,7 +64,7 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """Episode metadata, fixed before it starts.
+    """Metadata of an episode, fixed before the episode begins.
 
     Attributes:
         suite_version: Suite version, which also seeds its random streams.
@@ -80,7 +80,7 @@ class RecordMetadata:
         render_quality: Name of the render preset, or None if no image was rendered.
         engine: Versions that affect the numbers: simulator with version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
-        looks: Set of looks from which the run draws.
+        looks: Appearance set of the run ("seen" or "unseen").
         room: Name of the trial's room.
         view_jitter: Offsets of cameras and key light; together with scene and state they determine the images.
         robot_dynamics: Drawn dynamics of the robot by quantity ("backlash" in rad, otherwise factors of the model's

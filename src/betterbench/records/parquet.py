@@ -34,7 +34,7 @@ twice as long. Byte stream split for the arm's floats made 17 of 18 episodes lar
 
 NO_DIGEST = b"0" * 64
 """Placeholder for the digest in a file that is not sealed yet."""
-# in the footer's compact Thrift form, the type of a text (18) and its length 64 (40) follow a key
+# in the footer's compact Thrift encoding, a string value is preceded by its type (18) and its length 64 (40)
 _SEAL = re.compile(re.escape(SEAL_KEY) + rb"\x18\x40([0-9a-f]{64})")
 
 MAX_FILE_BYTES = 1 << 30
@@ -73,7 +73,7 @@ class _Document:
         for name, count in told.items():
             if self.widths[name] != count:
                 raise InvalidInputError(
-                    f"widths.{name}", f"is {self.widths[name]}, but the metadata names {count}", _CURE
+                    f"widths.{name}", f"is {self.widths[name]}, but the metadata lists {count}", _CURE
                 )
 
 
@@ -117,7 +117,7 @@ class RecordBrief(BaseModel):
 
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
-_PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
+_PLACE = f"Give a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 _WHOLE = f"Copy it again from an intact source. {AGAIN}"
 """Remedy for a truncated or changed record. Resuming a run moves such a record aside and does not delete it."""
 _MAGIC = b"PAR1"
@@ -228,7 +228,7 @@ def _reading(path: Path) -> Iterator[None]:
             raise RecordError(f"{path}: the record does not exist. {AGAIN}.") from None
         text = str(error).removeprefix(f"{path}: ").rstrip(".")
         raise RecordError(f"{path}: {text}.") from error
-    except Exception as error:  # native code may raise anything for a damaged file
+    except Exception as error:  # native code may raise any exception for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(f"{path}: is damaged or not a record ({said}). {AGAIN}.") from error
 
@@ -257,8 +257,7 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
             field.name for field in expected if not field.equals(actual.field(field.name))
         ]
         raise RecordError(
-            f"its columns {', '.join(names[:5]) or 'in another order'} do not match its metadata; record the trial "
-            f"again"
+            f"its columns ({', '.join(names[:5]) or 'their order'}) do not match its metadata; record the trial again"
         )
     if file.metadata.num_rows < 1:
         raise RecordError("has no rows; record the trial again")

@@ -148,7 +148,7 @@ class Record:
         """Yield the states of the rows from ``start`` to before ``stop``."""
         info, bodies = self.metadata.scene, self.bodies
         n = len(info.objects)
-        held_names = [*(o.name for o in info.objects), None]  # index -1 selects None
+        held_names = [*(o.name for o in info.objects), None]  # index -1 (no object) selects None
         offsets = self.contacts.offsets[start : stop + 1].tolist()
         first, last = offsets[0], offsets[-1]
         touching = [

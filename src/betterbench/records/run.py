@@ -55,7 +55,7 @@ _HASH = re.compile(r"[0-9a-f]{8,128}")
 
 @growing_form
 class _PolicyChange(TypedDict):
-    """Time at which a run was continued with another policy."""
+    """Record that a run was continued with another policy, with the time."""
 
     policy: dict[str, Any]
     trials_before: NotRequired[Annotated[int, Field(ge=0)]]
@@ -152,10 +152,10 @@ class RunFolder:
         try:
             holds_run = (path / "run.json").is_file()
         except OSError as error:
-            raise RecordError(f"{one_line(path)}: {error.strerror}. Give the folder that `--out` named.") from error
+            raise RecordError(f"{one_line(path)}: {error.strerror}. Give the --out folder of the run.") from error
         if not holds_run:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
-            cure = f"Give one of its runs: {', '.join(inside)}" if inside else "Give the folder that `--out` named"
+            cure = f"Give one of its runs: {', '.join(inside)}" if inside else "Give the --out folder of a run"
             raise RecordError(f"{path}: contains no run (no run.json). {cure}.")
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
@@ -164,7 +164,7 @@ class RunFolder:
         if "plan" not in form and isinstance(form.get("kind"), str):
             kind = one_line(form["kind"], most=60)
             raise RecordError(
-                f"{path}: contains a {kind} and no trials of a policy. Give a run of better eval; for a run of "
+                f"{path}: contains a {kind} instead of trials of a policy. Give a run of better eval; for a run of "
                 "better vlm, `better compare` shows the scores, and `better export --to lmms-eval` writes the answers."
             )
         document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
@@ -326,8 +326,8 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read the record of a trial.
 
-        If the ``digest`` of the file is known from an earlier read, pass it, so that a later change of the run is an
-        error. By default, the digest in the journal is used.
+        ``digest`` is the expected digest of the file, for example from an earlier read, to detect that the run has
+        changed. By default, the digest in the journal is used.
 
         Raises:
             RecordError: If the record is missing or unreadable, its bytes have changed, or its trial, policy or
@@ -367,7 +367,7 @@ class RunFolder:
         if self._planned is not None:
             if trial not in self._planned:
                 raise RecordError(
-                    f"{path}: {one_line(trial)} is not planned in this run. Name a record of a planned trial."
+                    f"{path}: {one_line(trial)} is not planned in this run. Give a record of a planned trial."
                 )
             wanted["variation"] = self._planned[trial].get("variation")
             wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}
@@ -433,9 +433,9 @@ class RunFolder:
                 logger.warning("%s The file is kept as %s.", problem, self.set_aside(path))
             else:
                 if there == digest:
-                    return digest  # an earlier version stored it without a checksum
+                    return digest  # stored by an earlier version without a checksum
                 raise RunConflictError(
-                    f"{path}: is not the scene of this trial, although it has the same name: it comes from another "
+                    f"{path}: is not the scene of this trial, although it has the same name. It comes from another "
                     f"version or another source. Evaluate into a new folder, or move the file away if no finished "
                     f"trial used it."
                 )
@@ -452,7 +452,7 @@ class RunFolder:
     def scene_digest(self, trial: TrialId) -> str | None:
         """Return the digest of a trial's scene from the journal.
 
-        None for journals of earlier versions, with one warning.
+        Returns None, and logs one warning, for journals of earlier versions.
         """
         entry = self.entry(trial)
         if entry is None or entry.status != "done":
@@ -533,7 +533,7 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
         # training condition.
         task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
-            return None  # reported by the reader of the plan
+            return None  # the code that reads the plan reports this
         found[TrialId(task, condition, seed)] = form
     return found
 
@@ -565,13 +565,13 @@ def keep_copies(path: Path) -> None:
         if file.demonstrations is not None:
             measured = (path / COPIES / file.copy_name).with_suffix(COMPANION_SUFFIX)
             content = file.demonstrations.encode()
-            # a resumed data set does not list this file as its own and must not replace it
+            # when a data set is resumed, this file is not in its list of written files, so keep it
             if not measured.exists() or measured.read_bytes() != content:
                 write_durably(measured, content)
 
 
 def _safe_name(what: str, name: str) -> str:
-    """Return a name that is safe in a path. Raises InvalidInputError otherwise."""
+    """Return ``name`` unchanged if it is safe to use in a path; raise InvalidInputError otherwise."""
     if not _NAME.fullmatch(name):
         problem = f"{name!r} cannot be the name of a file"
         raise InvalidInputError(
@@ -581,9 +581,9 @@ def _safe_name(what: str, name: str) -> str:
 
 
 def _seed(seed: int) -> int:
-    """Return a seed that is valid in a file name. Raises InvalidInputError if it is negative."""
+    """Return ``seed`` unchanged; raise InvalidInputError if it is negative."""
     if seed < 0:
-        raise InvalidInputError("seed", f"{seed} is negative", "Give an integer of at least 0")
+        raise InvalidInputError("seed", f"{seed} is negative", "Give an integer ≥ 0")
     return seed
 
 

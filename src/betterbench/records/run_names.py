@@ -11,9 +11,9 @@ from betterbench.errors import InvalidInputError
 from betterbench.records.run import RunFolder
 
 BUILT_IN = re.compile(r"expert|noop|random|(expert|zoo|probe|replay|independent|learned):.*", re.IGNORECASE)
-"""Reserved names of built-in policies. A user's class that declares a reserved name is shown by its address instead.
+"""Reserved names of built-in policies. A user's policy that declares a reserved name is shown by its address instead.
 
-Reading records does not import the policy kinds; a test compares this pattern with them.
+The names are repeated here because reading records must not import the policy kinds; a test compares them.
 """
 
 MOST_CHARACTERS = 80

@@ -82,7 +82,7 @@ def _archive(files: Mapping[str, bytes], digest: str) -> bytes:
         for name in sorted(files):
             member = zipfile.ZipInfo(name, _ZIP_EPOCH)
             member.compress_type = zipfile.ZIP_DEFLATED
-            member.create_system = 3  # Unix, on every machine
+            member.create_system = 3  # always Unix, so that the bytes do not depend on the machine
             member.external_attr = (stat.S_IFREG | 0o644) << 16
             archive.writestr(member, files[name], compresslevel=_LEVEL)
         archive.comment = _seal(digest)
@@ -134,15 +134,15 @@ def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
         if isinstance(error.__cause__, FileNotFoundError):
             raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
         raise
-    except Exception as error:  # decompressors may raise anything for a damaged archive
+    except Exception as error:  # decompressors may raise any exception for a damaged archive
         said = one_line(error, most=200) or type(error).__name__
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
     found = scene_digest(path.stem, files)
     if seal and seal != _seal(found):
-        problem = "was changed after it was written, or is the archive of another scene: its digest does not match"
+        problem = "its digest does not match: it was changed after it was written, or belongs to another scene"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if digest is not None and found != digest:
-        problem = "is not the scene of the trial: its digest differs from that in the journal"
+        problem = "is not the scene of the trial: its digest differs from the digest in the journal"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
     if not seal and digest is None:
         say_unsealed(str(path.parent))
@@ -173,9 +173,9 @@ def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     left = MAX_SCENE_BYTES
     for member in members:
-        problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
+        problem = "occurs twice" if member.filename in files else _member_problem(member.filename)
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            problem = "has a compression that scenes do not use"
+            problem = "has an unexpected compression method"
         if problem:
             raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is not a scene of a run.")
         blocks: list[bytes] = []

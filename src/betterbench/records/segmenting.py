@@ -76,7 +76,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield the effect of each gripper closing until the next opening."""
+    """Yield each interval from the gripper's closing to its next opening, with its effect."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -105,7 +105,7 @@ def _travel(record: Record, index: int, start: int, stop: int) -> float:
 
 
 def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
-    """Return the subgoal that a closing has newly achieved by a row, or None."""
+    """Return the subgoal that a closure has newly achieved by a row, or None."""
     if closure.kind == "miss" or closure.opened >= len(record):
         return None
     state = record.state(row)
@@ -122,7 +122,7 @@ def _served(record: Record, condition: Condition, closure: _Closure, row: int, c
 def _windows(
     record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
 ) -> Iterator[SkillWindow]:
-    """Yield the windows of one closing between two rows: a pick and its placement, a slide, or a miss."""
+    """Yield the windows of one closure between two rows: a pick and its placement, a slide, or a miss."""
     start = _begin(record, closure.closed, free_from)
     place = ("", "", "") if served is None else (served.target, served.relation, served.region)
     if closure.kind == "miss":

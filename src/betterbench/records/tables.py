@@ -1,4 +1,4 @@
-"""Plain tables of texts, numbers and lists as Parquet, for use with other tools."""
+"""Plain tables of strings, numbers and lists as Parquet, for use with other tools."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def table_bytes(
     Args:
         columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers"; any cell may be None.
         rows: The rows; missing cells are None.
-        metadata: Texts for the metadata of the file's schema.
+        metadata: Strings for the metadata of the file's schema.
     """
     schema = pa.schema([(name, _KINDS[kind]) for name, kind in columns.items()], metadata=dict(metadata))
     arrays = [pa.array([row.get(name) for row in rows], type=_KINDS[kind]) for name, kind in columns.items()]

@@ -25,7 +25,7 @@ _Rows = Annotated[int, Field(ge=1)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TwinPair:
-    """Two demonstrations from the same start with different instructions.
+    """Two demonstrations from the same initial state with different instructions.
 
     Attributes:
         pair: Id of the pair, "TASK/SEED/CONDITION+CONDITION".

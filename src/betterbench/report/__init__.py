@@ -1,4 +1,4 @@
-"""Reports: a self-contained page with films, and tables as CSV and LaTeX.
+"""Reports: a self-contained page with videos, and tables as CSV and LaTeX.
 
 - ``pages``: the report on runs, and the pages for calibrations, certificates, power and preflight checks.
 - ``headline``, ``claims``, ``outcomes``, ``task_views``: the sentences and numbers of a page.

@@ -18,9 +18,8 @@ from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
 
 USUAL_SHARE = 0.2
-"""Fraction of failed trials that a kind of failure must exceed to be a conclusion if no illusion gap shows it, as in
-training or without training twins (exact binomial test at the usual level).
-"""
+"""Fraction of failed trials that a kind of failure must significantly exceed (exact binomial test) to be a conclusion
+if no illusion gap supports it, as in training or without training twins."""
 
 FEW = 3
 """Minimum number of trials for a policy's habit, for a task's habit (if failures are rare) or for an axis."""
@@ -64,7 +63,7 @@ DESCRIBED = Grounds(True)
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
-    """Return the claim that a policy solves less than half of the training trials, with the command for more trials."""
+    """Return the basis of the claim that a policy solves less than half of the training trials."""
     k, n = training.k or 0, training.n or 0
     p = chance_p(Rate(k, n), chance=0.5)
     test = "training trials solved, against one half (exact binomial)"
@@ -94,7 +93,7 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
-    """Return the claim that a kind of failure is typical in training, for a run without variations."""
+    """Return the basis of the claim that a kind of failure is typical in training, for a run without variations."""
     p = _above(count, n, USUAL_SHARE)
     test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
@@ -113,14 +112,14 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
-    """Return the claim that a failure on some conditions is a habit, corrected for the number of conditions."""
+    """Return the basis of the claim that a failure in some conditions is a habit, corrected for their number."""
     p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
     test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
-    """Return the claim that no failure was found, for a run in which all variation trials succeeded.
+    """Return the basis of the claim that no failure was found, for a run in which all variation trials succeeded.
 
     Six solved trials rule out a policy that fails half of the variation trials; five do not.
     """
@@ -137,7 +136,7 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
-    """Return the claim that the main kind of failure exceeds chance.
+    """Return the basis of the claim that the main kind of failure exceeds chance.
 
     It is supported if variations are solved less often than their twins, by the test of the illusion gap or a verdict
     of a run until decided. It is also supported if significantly more than :data:`USUAL_SHARE` of the variation trials
@@ -169,8 +168,8 @@ def _above(count: int, n: int, share: float) -> float:
 def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     """Return the variations and numbers of pairs needed for a verdict, and the command that runs them with new seeds.
 
-    The new run is judged alone. Pooling its pairs with the earlier pairs, which prompted it, would bias the result
-    toward them.
+    The new run is judged alone: pooling it with the earlier pairs would bias the result, because their outcome was the
+    reason for the new run.
     """
     varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)
@@ -203,7 +202,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
 def _evaluation(
     diagnosis: RunDiagnosis, tasks: Sequence[str], *, variations: Sequence[str] = (), seed: int, trials: int, out: str
 ) -> str:
-    """Return the command that evaluates a run's policy, or an empty string if its address is not a valid shell word."""
+    """Return the command that evaluates a run's policy, or an empty string if it cannot be written in a shell."""
     if "\0" in diagnosis.address:
         return ""
     named = ["--variations", *variations] if variations else []
@@ -232,8 +231,8 @@ def _next_seed(diagnosis: RunDiagnosis) -> int:
 def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
     """Return the pairs per variation with which the gap test detects the gap's drop with 80 % power, or None.
 
-    The observed drop is assumed to be the true drop. None if there is no drop, or if detecting the drop needs more than
-    :data:`MOST_PAIRS` pairs.
+    The observed drop is assumed to be the true drop. Returns None if there is no drop, or if more than
+    :data:`MOST_PAIRS` pairs would be needed.
     """
     pairs = [
         (twin.success, trial.success)

@@ -1,4 +1,4 @@
-"""Verdict on a policy as plain sentences at the top of the report, computed from the diagnosis."""
+"""Verdict on a policy in a few sentences, computed from the diagnosis, for the top of the report."""
 
 from __future__ import annotations
 
@@ -36,26 +36,26 @@ RARE_SHARE = 0.05
 """Maximum share of failed variation trials that count as exceptions: one of the suite's usual 20 trials."""
 
 WEAK_SHARE = 0.5
-"""Success rate on training conditions below which a policy has not learned the task, so that its success is no evidence
-about its reasoning. Its first attempts can still be judged."""
+"""Success rate on training conditions below which a policy has not learned the task, so that its success rates say
+nothing about its reasoning. Its first attempts can still be judged."""
 
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
-"""Labels that do not show in which conditions a policy fails."""
+"""Labels that can occur in any condition, so that they do not identify an axis."""
 
 LONGEST_REASON = 300
 """Maximum length of the reason for a breakdown on the first screen [characters]."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules that send the gripper to a slot, regardless of the object in it."""
+"""Labels of rules by which a policy picks at a slot, regardless of the object in it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
     """Leading failure mode of some trials, with its counts among the failures and among all trials.
 
-    ``look_alikes`` is the number of look-alikes that a policy's rule took from a trained slot, if it is at least the
-    number of the rule's own trials.
+    ``look_alikes`` is the number of trials in which a policy took a look-alike from a trained slot because of the same
+    rule; 0 if the rule has more trials of its own.
     """
 
     label: Label
@@ -73,7 +73,7 @@ class Failure:
     def share(self) -> str:
         """Share of the failures, with counts ("80 % of all failures (40/50), 40/240 variation trials").
 
-        If all failures are of this kind, ``lead`` says so.
+        If all failures are of this kind, the percentage is omitted, because :attr:`lead` states it.
         """
         more = f"; the same rule explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
         text = f"{self.count}/{self.trials} variation trials"
@@ -102,7 +102,7 @@ class Headline:
         family: Color family of the main failure; "right" without a failure.
         effect: The instruction effect, over pairs of trials that differ only in the instruction.
         effect_sentence: Meaning of the instruction effect, one sentence.
-        needless: Successes in which the policy repeated a training step that the instruction did not request.
+        needless: Successful trials in which the policy also repeated a training step that was not requested.
         segments: Outcomes of the variation trials.
         breakdown: Outcome of most trials if the policy itself failed to run.
         claim: Test behind the conclusion, and the trials needed to decide the conclusion if the test is not passed.
@@ -235,7 +235,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Return whether a rule leads only to objects that look like the target, and is often violated otherwise."""
+    """Return whether a slot rule only leads to objects that look like the target, and is often violated otherwise."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -321,10 +321,10 @@ def _by_failures(
 
 
 def _confused(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagnosis], main: Label) -> str:
-    """Return the sentence on confused words or targets, where the main label does not say what is wrong.
+    """Return the sentence on confused words or targets, for a main label that does not name them.
 
-    A proven rule comes first. A habit of placing is contradicted by objects that go to targets that training never gave
-    them.
+    A proven rule is stated first. A habit of placing is ruled out if objects go to targets that they never had in
+    training.
     """
     reasoning = [trial for trial in failed if trial.kind is Kind.REASONING]
     vague = main is Label.WRONG_OBJECT or (main.kind is Kind.REASONING and not _is_majority(failed, main))
@@ -465,7 +465,7 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
     """Return a clause with the axis of nearly all variation trials of a label, if Fisher's exact test confirms it.
 
-    A clause compares the axis with training, so it is left out if the label is about as frequent in training.
+    The clause is omitted if the label is about as frequent in training as on the axis.
     """
     ended = [trial for trial in trials if trial.kind is not Kind.UNFINISHED]
     varied = [trial for trial in ended if trial.variation is not None]
@@ -479,7 +479,7 @@ def _where(trials: Sequence[TrialDiagnosis], label: Label) -> str:
         return ""
     in_training = sum(trial.label is label for trial in trained)
     if 2 * in_training * here.n > count * len(trained):
-        return ""  # more than half as frequent as on the axis
+        return ""  # in training, more than half as frequent as on the axis
     return AXIS_PLACES.get(axis or "", "")
 
 
@@ -541,7 +541,7 @@ def _unfinished(diagnosis: RunDiagnosis) -> str:
 
 
 def _breakdown(varied: list[TrialDiagnosis]) -> str:
-    """Return a sentence on the error that ended most trials if the policy itself failed to run, else an empty text."""
+    """Return a sentence on the error that ended most trials if the policy itself failed to run, else ""."""
     if main_failure(varied) is not Label.POLICY_ERROR:
         return ""
     texts = Counter(trial.evidence.text for trial in varied if trial.label is Label.POLICY_ERROR)

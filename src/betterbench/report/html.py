@@ -1,4 +1,4 @@
-"""Templates and files of HTML pages: filling a template, embedding data in a page and writing a file."""
+"""Helpers for HTML pages: template environment, data URIs, and writing files."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class GroupRow:
     Attributes:
         kind: Kind of group, for the heading of its part of the table.
         name: Name of the group, or its label.
-        is_supported: Whether the tests decided the group's claim.
+        is_supported: Whether the group's claim is statistically significant.
     """
 
     kind: str
@@ -49,7 +49,7 @@ class KnowledgeView:
     """Table of knowledge versus behavior for one policy and one model.
 
     Attributes:
-        roles: Correct answers by role of the question, one phrase each.
+        roles: One phrase with the number of correct answers for each role of a question.
         known_failures: Keys of the failed trials whose right decision the model knew.
         groups: Knowledge against behavior by axis, variation and failure mode.
         tested: Number of groups in Holm's correction.

@@ -13,7 +13,7 @@ from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 from betterbench.tasks.worlds.libero_plus import TITLES
 
 LEGEND: Mapping[Label, FailureMode] = MODES
-"""Entry for every label, in stacking order; its text comes from the failure mode's file."""
+"""Entry of every label, in stacking order; the text comes from the file of the failure mode."""
 
 FAMILIES: dict[str, str] = {
     "right": "Right",
@@ -48,7 +48,7 @@ AXIS_PLACES: dict[str, str] = {
     Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",
     **{axis: f"where {change}" for axis, change in PLUS_AXES.items()},
 }
-"""Clause for each axis that states what its variations have in common."""
+"""Clause for each axis that describes its variations."""
 
 EXPECTED_NAMES: dict[str, str] = {
     "succeed": "reach the goal",

@@ -64,7 +64,7 @@ class ConditionRow:
 
 
 _CHANGES = {**CHANGES, **PLUS_AXES}
-"""Descriptions of what the LIBERO-PRO and LIBERO-Plus suites change, by change name."""
+"""Descriptions of the changes in LIBERO-PRO and LIBERO-Plus suites, by name of the change."""
 
 
 def task_of(name: str) -> Task | None:
@@ -76,7 +76,7 @@ def task_of(name: str) -> Task | None:
 
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
-    """Return whether a run is in another world, to which the matrices, pretenders and certificates do not apply."""
+    """Return whether a run is in another world, for which there are no matrices, pretenders and certificates."""
     return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
 
 

@@ -24,7 +24,7 @@ class Figure:
         low: Lower end of the 95 % interval.
         high: Upper end of the 95 % interval.
         k: Numerator, or None if the number is not a single rate.
-        n: Denominator, or number of pairs; None for numbers without a denominator (a guess).
+        n: Denominator, or number of pairs; None for numbers without a denominator (chance level).
         difference: True for differences of rates, which are given in points and with their sign.
         noun: Noun of the counted units ("trials", "pairs", "attempts").
         sides: For a difference, its two rates.

@@ -68,7 +68,8 @@ class AgreementTable:
     def kappa(self) -> float | None:
         """Kappa of Cohen (1960): (observed - expected) / (1 - expected).
 
-        None without items, or if both gave all items the same one category: chance then explains all agreement.
+        None if there are no items, or if both raters put every item into the same category: chance then explains all
+        agreement.
         """
         observed, expected = self.observed, self.expected
         if observed is None or expected is None or 1.0 - expected < 1e-12:

@@ -51,7 +51,11 @@ def guessing_p(right: int, chances: Sequence[float]) -> float:
     if any(not 0.0 <= chance <= 1.0 for chance in chances):
         raise InvalidInputError("chances", "a chance is not between 0 and 1", "Give probabilities")
     if not 0 <= right <= len(chances):
-        raise InvalidInputError("right", f"{right} of {len(chances)} answers", "Give a count of at most the answers")
+        raise InvalidInputError(
+            "right",
+            f"{right} right answers of {len(chances)} are impossible",
+            "Give a number from 0 to the number of answers",
+        )
     likely = np.ones(1)
     for chance in chances:
         likely = np.convolve(likely, (1.0 - chance, chance))

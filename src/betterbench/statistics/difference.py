@@ -78,7 +78,9 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
         The difference; if a condition has no trials, the value is None and the interval is [-1, 1].
     """
     if not seen:
-        raise InvalidInputError("seen", "no seen composition to compare with", "Give at least one success rate")
+        raise InvalidInputError(
+            "seen", "expected the rate of at least one seen composition, got none", "Give at least one success rate"
+        )
     weight = -1.0 / len(seen)
     return _contrast(((1.0, novel), *((weight, rate) for rate in seen)), confidence, "wilson in quadrature")
 

@@ -18,9 +18,8 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
     Args:
         different: Whether items ``i`` and ``j`` differ significantly, shape (n, n), symmetric, False on the diagonal.
 
-    Returns:
-        One text per item, its letters in alphabetical order. Letters are assigned in the order of the first item that
-        has them, so the first item always has "a". After "Z" comes "a1".
+    Returns: One string per item, with its letters in alphabetical order. Letters are assigned in the order of the first
+        item that has them, so the first item always has "a". After "Z" comes "a1".
     """
     n = len(different)
     _check(different)
@@ -52,7 +51,9 @@ def _check(different: Sequence[Sequence[bool]]) -> None:
         raise InvalidInputError("different", "the matrix is not square", "Give one row and one column per item")
     for i in range(n):
         if different[i][i]:
-            raise InvalidInputError(f"different[{i}][{i}]", "an item differs from itself", "Leave the diagonal False")
+            raise InvalidInputError(
+                f"different[{i}][{i}]", "True would mean that an item differs from itself", "Leave the diagonal False"
+            )
         for j in range(i):
             if different[i][j] != different[j][i]:
                 problem = f"it differs from different[{j}][{i}]"

@@ -177,5 +177,5 @@ def _p_value_bytes(n: int) -> bytes:
 def _check_plan(n: int, alpha: float) -> None:
     """Raise InvalidInputError for an empty experiment or an impossible level."""
     if n < 1:
-        raise InvalidInputError("n", f"{n} trials detect nothing", "Give at least 1")
+        raise InvalidInputError("n", f"{n} trials cannot detect a difference", "Give at least 1")
     check_fraction("alpha", alpha)

@@ -12,7 +12,7 @@ Because ``k`` belongs to a kind, kinds that are difficult at every size do not m
 
 Under several conditions, such as resolutions, one function is fitted to all items. If the sizes explain all differences
 between conditions, the measured and the predicted scores fall alike from one condition to another. A larger measured
-fall is a further loss.
+fall is reported as a further loss.
 """
 
 from __future__ import annotations

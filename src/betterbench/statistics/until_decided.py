@@ -47,7 +47,7 @@ class Verdict(StrEnum):
     NOT_LEARNED = "not_learned"
     """Like "no drop", but the twin fails in most pairs, so a drop could hardly be detected."""
     OPEN = "open"
-    """None of these is proven yet."""
+    """The evidence does not suffice for a verdict yet."""
 
     @property
     def words(self) -> str:

@@ -1,13 +1,14 @@
 """Static evaluation of vision-language models on published benchmarks and our own question sets.
 
-- ``items``: items of a benchmark with images on demand; ``pictures`` reads images from files and tables.
-- ``benchmarks``: one file per benchmark, which reads every published form of the data; ``rows`` reads files.
+- ``items``: items of a benchmark, whose images are loaded on demand; ``pictures`` reads images from files and tables.
+- ``benchmarks``: one file per benchmark, which reads all published formats of its data; ``rows`` reads files.
 - ``prompts``: prompts as data, chosen by an identifier.
-- ``scoring``, ``official``: our scores with fixed denominators, and the scores of upstream programs, faults included.
-- ``models``: resolutions of images, and models that run in this process.
+- ``scoring``: our scores with fixed denominators. ``official``: the scores that upstream programs give, with their
+  faults.
+- ``models``: image resolutions, and models that run in this process.
 - ``running``: a resumable run of a model over a benchmark; ``fetching`` downloads the data.
-- ``steps``: comparison of finished runs (``stored``); ``eyesight``: size of objects that a model reads.
-- ``samples`` and ``inspect_tasks``: logs for lmms-eval, and tasks of inspect_ai.
+- ``steps``: comparison of finished runs (``stored``); ``eyesight``: smallest object size that a model can read.
+- ``samples``: logs in the format of lmms-eval. ``inspect_tasks``: tasks for inspect_ai.
 
 As for ``better vqa``, :mod:`betterbench.vqa` sends the requests and reads the answers.
 """

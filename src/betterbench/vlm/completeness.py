@@ -1,4 +1,4 @@
-"""Completeness check: comparison of the size of a data set with its published size."""
+"""Completeness check: comparison of the number of items in a data set with the published number."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Completeness:
 
     @property
     def sentence(self) -> str:
-        """Description of the difference, or an empty text."""
+        """Description of the difference, or an empty string."""
         if self.is_complete:
             return ""
         differing = [f"{name} {n:,} of {of:,}" for name, (n, of) in self.groups.items() if n != of]
@@ -51,7 +51,7 @@ class Completeness:
 
 
 def completeness_of(benchmark: Benchmark, items: ItemSet) -> Completeness:
-    """Return the size of a data set beside the published size."""
+    """Compare the number of items in a data set with the published number."""
     kind, published = benchmark.published_groups
     counted = Counter(_plain(item.groups.get(kind, "")) for item in items.items)
     groups = {name: (counted[_plain(name)], of) for name, of in published.items()}

@@ -1,10 +1,10 @@
-"""Eyesight: object size that a model needs to answer questions, estimated from its answers.
+"""Eyesight: smallest object size at which a model answers questions correctly, estimated from its answers.
 
-Items of our own sets store the size of their objects in the image. From one run, a psychometric function gives the size
-at which half of the questions are read (:mod:`betterbench.statistics.threshold`). From runs of the same model with
-several eyes, it tells whether one size explains all scores: then the loss is only eyesight. All sizes are at the
-effective resolution of the eyes (:func:`~betterbench.vlm.models.eyes.size_in_detail`), as geometric means of width and
-height in pixels.
+Items of our own sets store the image size of their objects. A psychometric function fitted to one run gives the size at
+which half of the questions are read (:mod:`betterbench.statistics.threshold`). Fitted to runs of the same model at
+several image resolutions ("eyes"), it shows whether a single size explains all scores; if it does, the model loses only
+what is too small to see. All sizes are at the effective resolution of the eyes
+(:func:`~betterbench.vlm.models.eyes.size_in_detail`), as geometric means of width and height in pixels.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from betterbench.vqa.parsing import AnswerSpec
 from betterbench.vqa.question import Form
 
 _MASKS = 32
-"""Number of target regions in memory."""
+"""Maximum number of target regions kept in memory."""
 
 AXIS, TRAINING = "axis", "training"
 """Kind of group for the axis of an item's scene, and the name of the group about training scenes."""
@@ -46,7 +46,7 @@ class Gold:
 
     @property
     def written(self) -> str:
-        """The correct answer as text: the answer, the edges of the box, the name of the mask, or an empty text."""
+        """The correct answer as a string: its text, the edges of the box, the name of the mask, or an empty string."""
         if self.text is not None:
             return self.text
         return self.mask or ("" if self.box is None else f"[{', '.join(f'{v:g}' for v in self.box)}]")
@@ -80,9 +80,9 @@ class Item:
         cluster: Items with the same cluster share a scene, image or video, so their scores are not independent.
         width: Columns of the image, for boxes and points; 0 otherwise [pixel].
         height: Rows of the image; 0 otherwise [pixel].
-        words: Additional texts of the item for prompts ("object", "suffix").
-        detail: Smallest visible object of the question, where the source knows it.
-        chance: Probability of guessing the answer, where the source knows it.
+        words: Additional strings of the item for prompts ("object", "suffix").
+        detail: Smallest visible object of the question; None if the source does not give it.
+        chance: Probability of guessing the answer; None if the source does not give it.
     """
 
     id: str
@@ -140,7 +140,7 @@ class ItemSet:
     def __post_init__(self) -> None:
         """Raise InvalidInputError for an empty set and for identifiers that occur twice."""
         if not self.items:
-            raise InvalidInputError(self.benchmark, "has no items", "Name the folder of its data")
+            raise InvalidInputError(self.benchmark, "has no items", "Give the folder of its data")
         seen = set[str]()
         for item in self.items:
             if item.id in seen:

@@ -22,14 +22,14 @@ LEAST_POLICIES = 5
 
 @dataclass(frozen=True, slots=True)
 class PolicyPoint:
-    """Static and acted results of one policy.
+    """Results of one policy in the static benchmark and in simulation.
 
     Attributes:
         name: Name of the policy.
         score: Headline number of the static benchmark, as a fraction.
         items: Number of items in the score.
         static_gap: Static illusion gap, as a fraction; None if the run has none.
-        gap: Acted illusion gap over all variations, as a fraction.
+        gap: Illusion gap in simulation over all variations, as a fraction.
         low: Lower end of its interval.
         high: Upper end of its interval.
         pairs: Number of pairs of trials in the gap.
@@ -51,7 +51,7 @@ class PolicyPoint:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Rank correlation between a static number and the acted illusion gap.
+    """Rank correlation between a static number and the illusion gap in simulation.
 
     Attributes:
         predictor: "static score" or "static gap".
@@ -90,7 +90,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class PredictionTable:
-    """Policies with their static and acted results, and the correlations.
+    """Policies with their results in the static benchmark and in simulation, and the correlations.
 
     Attributes:
         warnings: Differences between runs that limit the conclusion.
@@ -108,7 +108,7 @@ class PredictionTable:
 
 
 def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> tuple[Prediction, ...]:
-    """Return the correlations of the static score, and of the static gap if all policies have one, with the acted gap.
+    """Correlate the static score, and the static gap if all policies have one, with the illusion gap in simulation.
 
     Args:
         policies: Results by policy.
@@ -118,7 +118,9 @@ def predictions_of(policies: Sequence[PolicyPoint], *, alpha: float = 0.05) -> t
         InvalidInputError: If there are fewer than two policies.
     """
     if len(policies) < 2:
-        raise InvalidInputError("better compare", "one policy has no ranking", "Give the runs of several policies")
+        raise InvalidInputError(
+            "better compare", "a single policy cannot be ranked", "Give the runs of several policies"
+        )
     gaps = [policy.gap for policy in policies]
     predictors = {"static score": [policy.score for policy in policies]}
     static = [policy.static_gap for policy in policies if policy.static_gap is not None]

@@ -1,9 +1,9 @@
 """Probe that identifies the coordinate convention of a model, from images with known points and boxes.
 
 Ten images show one disk or one rectangle each. For every order (column or row first) and scale (pixels, fractions,
-percent, thousandths) the answers are compared with the true places. A convention is named only if exactly one order and
-scale explains the answers. Places are far from the diagonal, and images have fewer than 600 pixels on a side, so that
-no two orders and scales agree within the tolerance.
+percent, thousandths) the answers are compared with the true positions. A convention is reported only if exactly one
+order and scale explains the answers. Positions are far from the diagonal, and images have fewer than 600 pixels on a
+side, so that no two combinations of order and scale agree within the tolerance.
 """
 
 from __future__ import annotations
@@ -171,14 +171,16 @@ class Finding:
         """The result in words."""
         if self.readable < _FEWEST:
             return (
-                f"{self.model} gave coordinates for {self.readable} of {self.asked} images, and {_FEWEST} are needed "
-                "to tell its convention."
+                f"{self.model} gave coordinates for {self.readable} of {self.asked} images, but {_FEWEST} are needed "
+                "to determine its convention."
             )
         if not self.fitting:
             return f"{self.model} does not point at the shapes in any order and scale: the nearest is {self._nearest}."
         if len(self.fitting) > 1:
             listed = "; ".join(fit.words for fit in self.fitting)
-            return f"Several conventions explain the answers of {self.model}, so none is named: {listed}."
+            return (
+                f"Several conventions explain the answers of {self.model}, so the convention remains unknown: {listed}."
+            )
         fit = self.fitting[0]
         if self.found is None:
             return f"{self.model} answers in {fit.words}, for which betterbench has no convention."
@@ -194,7 +196,7 @@ class Finding:
         problem = f"{declared} are declared, but {self.sentence[:1].lower() + self.sentence[1:].rstrip('.')}"
         if self.found is None:
             if self.readable >= _FEWEST and len(self.fitting) == 1:
-                cure = "Try another --prompt; --no-probe runs anyway, but most places will count as wrong"
+                cure = "Try another --prompt; --no-probe runs anyway, but most positions will count as wrong"
                 raise InvalidInputError("--coordinates", problem, cure)
             return
         there, said = CONVENTIONS[self.found], CONVENTIONS[declared]
@@ -266,7 +268,7 @@ def finding_of(
     declared: Coordinates | None = None,
     eyes: Eyes = Eyes.NATIVE,
 ) -> Finding:
-    """Return the convention of a model's answers, one text per image."""
+    """Return the convention of a model's answers, given one reply per image."""
     read = [(target, numbers) for target, text in zip(targets, texts, strict=True) if (numbers := _numbers(text))]
     fits = tuple(
         sorted(

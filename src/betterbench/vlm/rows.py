@@ -1,4 +1,4 @@
-"""Reader for rows of published data in JSON, JSON lines and Parquet, whose errors name file, row and column."""
+"""Reader for rows of published data in JSON, JSON lines and Parquet; errors contain file, row and column."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Row:
     Attributes:
         file: The file.
         number: Number of the row, from 1.
-        values: Cells by column, without large ones.
-        large: Reads a large cell by its column.
+        values: Cells by column name, except large cells.
+        large: Function that reads a large cell, given its column name.
     """
 
     file: Path
@@ -47,11 +47,11 @@ class Row:
         return f"{self.file}, row {self.number}, column {column}"
 
     def error(self, column: str, problem: str, cure: str = _CURE) -> InvalidInputError:
-        """Return an error that names file, row and column."""
+        """Return an error with file, row and column."""
         return InvalidInputError(self.where(column), problem, cure)
 
     def named(self, *names: str) -> str:
-        """Return the first of several names that is a column; raise InvalidInputError if there is none."""
+        """Return the first of several names that is a column name; raise InvalidInputError if none is."""
         for name in names:
             if name in self.columns:
                 return name
@@ -59,15 +59,15 @@ class Row:
         raise self.error(f"{names[0]}{other}", f"is missing. The row has {_listed(self.columns)}")
 
     def text(self, *names: str) -> str:
-        """Return a text, or a number as text, in the first of several columns."""
+        """Return the string in the first existing column; a number is converted to a string."""
         name = self.named(*names)
         value = self.values.get(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or not str(value).strip():
-            raise self.error(name, f"expected a text, found {_shown(value)}")
+            raise self.error(name, f"expected a string, got {_shown(value)}")
         return str(value)
 
     def text_or(self, otherwise: str, *names: str) -> str:
-        """Return a text, or a default if there is no such column or the cell is empty."""
+        """Return the string in the first existing column, or a default if there is none or the cell is empty."""
         value = next((self.values[name] for name in names if name in self.columns), None)
         return otherwise if value is None or not str(value).strip() else str(value)
 
@@ -80,19 +80,19 @@ class Row:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 40:
-            raise self.error(name, f"expected an integer of at least 0, found {_shown(value)}")
+            raise self.error(name, f"expected an integer of at least 0, got {_shown(value)}")
         return value
 
     def texts(self, *names: str) -> tuple[str, ...]:
-        """Return a list of texts."""
+        """Return the list of strings in the first existing column."""
         name = self.named(*names)
         value = self.values.get(name)
         if not isinstance(value, list | tuple) or not value or not all(isinstance(v, str) and v.strip() for v in value):
-            raise self.error(name, f"expected a list of texts, found {_shown(value)}")
+            raise self.error(name, f"expected a list of strings, got {_shown(value)}")
         return tuple(value)
 
     def letter(self, options: int, *names: str) -> str:
-        """Return the correct letter of a choice, given as letter or as index from 0."""
+        """Return the letter of the correct option, stored as a letter or as an index from 0."""
         name = self.named(*names)
         value = self.values.get(name)
         text = str(value).strip().upper() if isinstance(value, str) else ""
@@ -104,7 +104,7 @@ class Row:
             index = options
         if index >= options:
             last = chr(ord("A") + options - 1)
-            raise self.error(name, f"expected a letter from A to {last} or an index from 0, found {_shown(value)}")
+            raise self.error(name, f"expected a letter from A to {last} or an index from 0, got {_shown(value)}")
         return chr(ord("A") + index)
 
 
@@ -119,7 +119,7 @@ def distinct(identifier: str, taken: set[str]) -> str:
 
 
 def find_files(folder: Path, suffixes: Sequence[str], *, prefix: str = "") -> list[Path]:
-    """Return the files in a folder of data or its usual subfolders, by name; for a file, return this file."""
+    """Return the files in a data folder or its usual subfolders, sorted by name; for a file, return the file itself."""
     if folder.is_file():
         return [folder] if folder.suffix.lower() in suffixes else []
     found = [
@@ -153,7 +153,7 @@ def read_rows(file: Path, *, large: Sequence[str]) -> list[Row]:
 
 
 def _parsed_rows(file: Path) -> list[Row]:
-    """Return the rows of a JSON document in any form, which is held in memory."""
+    """Return the rows of a JSON document with any supported structure; the complete document is held in memory."""
     raw = read_bounded(file, max_bytes=MOST_BYTES, cure="Give the file as published")
     try:
         if file.suffix.lower() == ".jsonl":
@@ -169,7 +169,7 @@ def _parsed_rows(file: Path) -> list[Row]:
     rows = []
     for number, form in enumerate(forms, start=1):
         if not isinstance(form, dict):
-            raise InvalidInputError(f"{file}, row {number}", f"expected an object, found {_shown(form)}", _CURE)
+            raise InvalidInputError(f"{file}, row {number}", f"expected an object, got {_shown(form)}", _CURE)
         rows.append(Row(file, number, form, form.__getitem__, frozenset(form)))
     return rows
 
@@ -182,7 +182,7 @@ def _spans_of(file: Path) -> list[Span] | None:
                 return None
             return _lines_in(opened) if file.suffix.lower() == ".jsonl" else _objects_in(opened)
     except OSError:
-        return None  # reading the complete document names the problem
+        return None  # parsing the complete document reports the problem
 
 
 def _lines_in(opened: BinaryIO) -> list[Span]:

@@ -1,7 +1,7 @@
 """Resumable run of a model over a static benchmark.
 
 A run folder contains ``run.json`` (the benchmark, the model, the prompt and the convention; written first),
-``shown.png`` (an image at each resolution), ``probe.jsonl`` (answers of the probe of coordinates), ``answers.jsonl``
+``shown.png`` (an image at each resolution), ``probe.jsonl`` (answers in the coordinate probe), ``answers.jsonl``
 (one synced line per answer), ``extracted.jsonl`` (replies of the extractor), and at the end ``items.jsonl`` (value,
 stage and score of each item) and ``result.json``.
 """
@@ -104,11 +104,11 @@ class StaticRun:
         extracted: Replies of the extractor; None without one.
         score: Scores.
         upstream: Scores of upstream programs, if requested.
-        requests: Totals of the requests to the model, the probe of coordinates included.
+        requests: Totals of the requests to the model, including the coordinate probe.
         extractor_requests: Totals of the requests to the extractor; None without one.
         completeness: Size of the data, compared with the published data.
         prices: Prices of the model's tokens, if given.
-        eyesight: Size of objects that the model needs to answer; None if the benchmark does not know the sizes.
+        eyesight: Smallest object size at which the model answers correctly; None if the items have no object sizes.
     """
 
     path: Path
@@ -169,7 +169,7 @@ def evaluate_model(
         model: The model.
         out: Run folder.
         settings: Prompt, convention and number of simultaneous requests.
-        extractor: Model that copies answers out of texts that the parser cannot read.
+        extractor: Model that extracts answers from replies that the parser cannot read.
         bar: Opens a progress bar.
 
     Raises:
@@ -260,7 +260,7 @@ def _show(items: ItemSet, out: Path) -> None:
     try:
         sheet = contact_sheet(items.read(name))
     except NOT_A_PICTURE:
-        return  # the request for this image will report what is wrong with it
+        return  # the request for this image will report the problem
     write_durably(out / SHOWN_NAME, sheet)
 
 
@@ -304,7 +304,7 @@ def _asked(items: ItemSet, model: Model, out: Path, settings: RunSettings, bar: 
 def _require_accepted(found: Answers, file: Path) -> None:
     """Remove an answer file in which every request was rejected, and raise ModelError.
 
-    A score of 0 would mean nothing.
+    A score of 0 would be meaningless.
     """
     refused = Counter(answer.error for answer in found.answers.values())
     if not refused or None in refused:

@@ -39,7 +39,7 @@ def write_samples(path: Path, out: Path, *, overwrite: bool = False) -> tuple[Pa
         RecordError: If the run is not finished, was changed, or comes from an earlier version.
     """
     if not is_static_run(path):
-        raise InvalidInputError(str(path), "is not a run of better vlm", "Name the folder that better vlm --out wrote")
+        raise InvalidInputError(str(path), "is not a run of better vlm", "Give the folder that better vlm --out wrote")
     run = read_static_run(path)
     texts = read_stored_answers(path / ANSWERS_NAME).answers
     date = datetime.fromisoformat(str(run.head["begun"])).strftime("%Y%m%d_%H%M%S")

@@ -44,8 +44,9 @@ class ItemScore:
         value: The value, or None; see :class:`~betterbench.vqa.parsing.Read`.
         stage: Stage that produced the value.
         score: Score with this value, between 0 and 1.
-        is_answered: Whether the model gave a text.
-        is_outside: Whether a point or box leaves the image, which may mean another convention.
+        is_answered: Whether the model gave a reply.
+        is_outside: Whether a point or box is partly outside the image, which suggests a different coordinate
+            convention.
     """
 
     id: str
@@ -67,7 +68,7 @@ class Part:
     Attributes:
         kind: Kind of group, or "all".
         name: Name of the group, or "all".
-        answered: Number of items for which the model gave a text.
+        answered: Number of items that the model answered.
         read: Number of items with a value.
         means: Mean by column.
         if_dropped: Mean over the answered items only, for comparison with programs that drop failed items.
@@ -99,7 +100,7 @@ class StaticScore:
         headline: Headline number of the benchmark by column.
         rule: Rule for the headline number, in words.
         changed: Number of items whose score the extractor changed.
-        outside: Number of items with a place outside the image.
+        outside: Number of items answered with a point or box outside the image.
         items: Scores of the items in order.
         gaps: Static illusion gaps; None for a benchmark without static twins.
     """
@@ -149,12 +150,12 @@ def score_answers(
     *,
     extractions: Mapping[str, str] | None = None,
 ) -> StaticScore:
-    """Score a model's texts.
+    """Score a model's replies.
 
     Args:
         benchmark: The benchmark.
         items: Its items.
-        texts: Text of the model by item; items without a text score 0.
+        texts: Reply of the model by item id; items without a reply score 0.
         convention: Declared convention of coordinates.
         extractions: Replies of an extractor by item.
     """

@@ -1,6 +1,6 @@
 """Static illusion gap: accuracy on training scenes minus accuracy on interventions, over questions and their twins.
 
-It is the counterpart of the acted illusion gap, with questions instead of actions on the same scenes and seeds. Twins
+It corresponds to the illusion gap in simulation, with questions instead of actions on the same scenes and seeds. Twins
 are matched by :func:`~betterbench.vqa.twins.static_twins`. Pairs about the same training scene are kept together.
 """
 

@@ -33,7 +33,7 @@ class StoredItem:
         cluster: Items with the same cluster share a scene, image or video.
         size_px: Size of the question's smallest object at the resolution of the run's eyes [pixel]; None if unknown.
         chance: Probability of guessing the answer; None if unknown.
-        value: The value; None if the answer has none.
+        value: Value read from the answer; None if it could not be read.
         prompt: The prompt; None in runs of earlier versions.
         target: The correct answer; None in runs of earlier versions.
     """

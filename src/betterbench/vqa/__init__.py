@@ -1,10 +1,12 @@
 """Visual questions whose answers follow from records, and comparison of a model's knowledge with a policy's behavior.
 
-- ``types``: one file per type of question; ``phrasings`` and ``nouns`` contain their texts, ``difficulty`` grades them.
+- ``types``: one file per question type; ``phrasings`` and ``nouns`` contain the wording, ``difficulty`` the difficulty
+  levels.
 - ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` balances their
   answers.
-- ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their score, and baselines without the image.
-- ``knowing``: whether a model knows the right decision in the policy's failures.
+- ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their scores, and baselines that do not see the
+  image.
+- ``knowing``: whether a model knows the right decision where the policy failed.
 """
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of

@@ -53,7 +53,7 @@ _SYNC_WITHIN_S = 1.0
 second. A killed process loses nothing; a power cut may lose the answers of this time."""
 
 LONGEST_ANSWER, _KEPT_START = 100_000, 2_000
-"""Maximum number of characters of an answer that is stored. Of a longer text, the start and the end are kept."""
+"""Maximum number of characters of an answer that is stored. Only the start and the end of a longer answer are kept."""
 
 _LINES = {
     Form.YES_NO: "Answer with Yes or No only.",
@@ -125,7 +125,9 @@ class AnswersHead:
     def __post_init__(self) -> None:
         """Raise InvalidInputError for a name that is unsuitable for tables and sentences."""
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > _LONGEST_NAME:
-            problem = f"{one_line(self.model, most=60)!r} is not a name of up to {_LONGEST_NAME} printable characters"
+            problem = (
+                f"{one_line(self.model, most=60)!r} is not a name with at most {_LONGEST_NAME} printable characters"
+            )
             raise InvalidInputError("model", problem, "Give the name of the model in one line")
 
 
@@ -161,7 +163,7 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score on one part of a set: correct answers, readable answers, and the rates without the image.
+    """Score on one part of a set: numbers of correct and readable answers, and the rates of image-free baselines.
 
     Attributes:
         chance: Expected rate of correct answers when guessing without the image.
@@ -354,7 +356,7 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         RecordError: If the file cannot be read or is malformed.
         InvalidInputError: If the answers belong to another set.
     """
-    cure = _CURE if file.exists() else "Name the file that better vqa SET --ask wrote"
+    cure = _CURE if file.exists() else "Give the file that better vqa SET --ask wrote"
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     lines = [line for line in raw.removeprefix(codecs.BOM_UTF8).split(b"\n") if line.strip()]
     if not lines:
@@ -370,10 +372,14 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
                 "%s: %d questions of %s have no answer in this file and count as wrong", file, left, asked.path
             )
     if found.head.set_sha256 != asked.sha256:
-        raise InvalidInputError(str(file), f"its answers belong to another set than {asked.path}", "Name that set")
+        raise InvalidInputError(
+            str(file), f"contains answers to another set than {asked.path}", "Give the set that was asked"
+        )
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
-        raise RecordError(f"{file}: answers {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}.")
+        raise RecordError(
+            f"{file}: contains an answer to {one_line(min(unknown), most=80)}, which is not in the set. {_CURE}."
+        )
     _require_unchanged(found, file)
     return found
 
@@ -403,7 +409,7 @@ def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
         if (head.seal is not None or answer.seal is not None) and answer.seal != _sealed(head, answer)[SEAL]:
             changed = changed or number
         if answer.id in answers:
-            raise RecordError(f"{where} {number}: {one_line(answer.id, most=80)} was answered before. {_CURE}.")
+            raise RecordError(f"{where} {number}: {one_line(answer.id, most=80)} is answered twice. {_CURE}.")
         answers[answer.id] = answer
     return Answers(head, answers, changed)
 

@@ -1,11 +1,11 @@
 """Balanced selection of questions, so that their text alone does not reveal the answers.
 
-Questions belong to one group if their texts give the same information: the same family about the same objects. Within a
-group, every kept answer occurs equally often, so no rule over the text is better than guessing. A group with a single
-answer is left out, because it could be answered without the image. Boxes and points are balanced over cells of the
-image. All types have the same number of questions, and so have all question kinds within a type, as far as possible. No
-kind has more questions than all others of its type together. Questions are selected by hashes of their text and frame,
-never by their answer.
+Questions belong to one group if their wording gives the same information, that is, if they have the same family and
+objects. Within a group, every kept answer occurs equally often, so no rule over the text is better than guessing. A
+group with a single answer is left out, because it could be answered without the image. Boxes and points are balanced
+over cells of the image. All types have the same number of questions, and so have all question kinds within a type, as
+far as possible. No kind has more questions than all others of its type together. Questions are selected by hashes of
+their text and frame, never by their answer.
 """
 
 from __future__ import annotations

@@ -39,8 +39,8 @@ class Baseline:
         n: Number of questions.
         blind: Correct answers of the classifier.
         majority: Number of questions for which the most frequent answer is correct.
-        chance: Expected rate of correct answers when guessing among each group's answers; for boxes and points, the
-            rate of the best constant answer.
+        chance: Expected rate of correct answers if each question is answered with a random answer of its group; for
+            boxes and points, the rate of the best constant answer.
     """
 
     name: str
@@ -52,7 +52,9 @@ class Baseline:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if there are more correct answers than questions."""
         if max(self.blind, self.majority) > self.n:
-            raise InvalidInputError(self.name, f"has more correct answers than its {self.n} questions", "Count again")
+            raise InvalidInputError(
+                self.name, f"has more correct answers than its {self.n} questions", "Correct the counts"
+            )
 
     @property
     def excess_points(self) -> float:
@@ -63,7 +65,8 @@ class Baseline:
     def is_balanced(self) -> bool:
         """Whether no excess over chance is shown: at most :data:`TARGET_POINTS`, or chance is in the 95 % interval.
 
-        A hundred questions scatter by 10 points, so a point estimate alone would accuse every small set.
+        With a hundred questions, the accuracy varies by about 10 points by chance, so a point estimate alone would
+        reject every small set.
         """
         return self.excess_points <= TARGET_POINTS or Rate(self.blind, self.n).low <= self.chance
 

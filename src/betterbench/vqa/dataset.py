@@ -113,7 +113,7 @@ class PhotoSource(Protocol):
         """Return a camera's image at a row of a record, with its visible objects."""
 
     def stop(self) -> None:
-        """Let all rendering threads fail soon with an error."""
+        """Make all rendering threads stop soon, with an error."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -157,7 +157,8 @@ class QuestionSet:
     """A question set.
 
     Attributes:
-        purpose: "test" if its records have evaluation seeds, which must not be used for training, else "training".
+        purpose: "test" if its records have evaluation seeds, so that it must not be used for training; otherwise
+            "training".
         baselines: Numbers of questions that are answered correctly without the images, by type.
         sha256: Hash of ``questions.jsonl``.
         records: SHA-256 of each used trial's record, by trial name; empty for older sets.
@@ -198,8 +199,8 @@ class QuestionSet:
         """Raise InvalidInputError if the set was made from a trial record that differs from the record in a run."""
         for entry in run.entries():
             if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
-                problem = f"the set was made from another record of {entry.key} than the record in {run.path}"
-                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made from this run")
+                problem = f"the record of {entry.key} in {run.path} is not the record from which the set was created"
+                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa created from this run")
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict without the questions."""
@@ -271,7 +272,7 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
     """
     done = sorted(e.key for e in run.entries() if e.status == "done")
     if not done:
-        raise InvalidInputError(str(run.path), "it has no finished trials", "Name a run with finished trials")
+        raise InvalidInputError(str(run.path), "has no finished trials", "Give a run with finished trials")
     known = {trial.task for trial in done}
     for task in tasks:
         if task not in known:
@@ -289,8 +290,8 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
     if len(purposes) > 1:
         raise InvalidInputError(
             "seeds",
-            "the run mixes seeds of demonstrations and of evaluation",
-            "Make separate runs and sets for the two",
+            "contains both demonstration seeds and evaluation seeds",
+            "Create a separate run and set for each",
         )
     return purposes.pop()
 
@@ -409,8 +410,8 @@ def _read_candidates(file: Path) -> Iterator[Candidate]:
 def _question(chosen: Chosen, options: SetOptions) -> Question:
     """Return a selected question with its text and options.
 
-    All questions with the same turn in a group have one phrasing. They have each answer once, so that the phrasing does
-    not tell the answer.
+    All questions with the same turn in a group have the same phrasing. Each answer occurs once among them, so the
+    phrasing does not reveal the answer.
     """
     candidate, answers = chosen.candidate, chosen.answers
     spatial = candidate.form in (Form.BOX, Form.POINT)
@@ -533,7 +534,9 @@ def read_set(folder: Path) -> QuestionSet:
         RecordError: If the folder contains no complete set, or a file is missing, damaged or malformed.
     """
     if not (folder / "summary.json").exists():
-        raise RecordError(f"{folder}: contains no complete question set. Make one with better vqa RUN --out {folder}.")
+        raise RecordError(
+            f"{folder}: contains no complete question set. Create one with better vqa RUN --out {folder}."
+        )
     form = _sealed(folder / "summary.json")
     summary = read_form(_SUMMARY, form, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
     file = folder / "questions.jsonl"
@@ -555,7 +558,7 @@ def _records(file: Path) -> dict[str, str]:
     form = _sealed(file) if file.exists() else {}
     records = form.get("records", {})
     if not isinstance(records, dict) or not all(isinstance(value, str) for value in records.values()):
-        raise RecordError(f"{file}: its records are not hashes by trial. {_CURE}.")
+        raise RecordError(f"{file}: its field records is not a mapping from trials to hashes. {_CURE}.")
     return records
 
 

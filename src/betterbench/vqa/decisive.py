@@ -1,9 +1,9 @@
 """Questions about the decisive moments in a run's trials.
 
-In a failed trial, this is the first wrong decision according to the diagnosis; in a successful one, the first attempt.
-Questions about the right target, its position, finished steps and the presence of objects use the frame at which that
-decision began. The question about the object at the gripper uses the frame of the attempt. Each question is put twice,
-with different wording and option order, because a guess is rarely right twice.
+In a failed trial, the decisive moment is the first wrong decision according to the diagnosis; in a successful trial, it
+is the first attempt. Questions about the right target, its position, finished steps and the presence of objects use the
+frame at which that decision began. The question about the object at the gripper uses the frame of the attempt. Each
+question is asked twice, with different wording and option order, because a guess is rarely right twice.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def make_decisive_set(
         chosen = [t for t in chosen if t.kind is not Kind.NONE]
     if not chosen:
         raise InvalidInputError(
-            str(run.path), "no trial of this run failed", "Leave --failures-only out to ask about all"
+            str(run.path), "no trial of this run failed", "Leave out --failures-only to ask about all trials"
         )
     with on_disk(out), begun_set(out, plan) as done:
         if done:

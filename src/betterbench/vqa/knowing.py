@@ -90,7 +90,7 @@ class LabelKnowledge:
         """Raise InvalidInputError if the counts do not add up to the trials."""
         if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
             names = ", ".join(KnowledgeStanding)
-            raise InvalidInputError(self.label, "it does not have one count per standing", f"Expected {names}")
+            raise InvalidInputError(self.label, "does not have one count per standing", f"Expected {names}")
         if sum(self.counts.values()) != self.n:
             problem = f"its counts add up to {sum(self.counts.values())} trials, expected {self.n}"
             raise InvalidInputError(self.label, problem, "Count again")
@@ -199,9 +199,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     answered = [q for q in mine if answers.has(q)]
     if not answered:
         cure = "Run better vqa SET --ask, or give a file with answers to that set"
-        raise InvalidInputError(
-            f"answers of {answers.head.model!r}", f"no answer belongs to a question of {asked.path}", cure
-        )
+        raise InvalidInputError(f"answers of {answers.head.model!r}", f"they answer no question of {asked.path}", cure)
     blind = _blind_by_role(asked.questions)
     found = tuple(
         replace(

@@ -83,7 +83,7 @@ class GroupKnowledge:
         expected_failures: Expected number of these without the image.
         difference: Share of known minus share of solved trials, paired, with Newcombe's interval.
         p_paired: Two-sided p-value of McNemar's exact test between known and solved.
-        p_guessing: One-sided exact p-value of the known failures under guessing.
+        p_guessing: One-sided exact p-value: probability of at least as many known failures if the answers were guessed.
         p: p-value of the group's claim. The claim that the model knows more than the policy does requires both tests,
             so it has the larger p-value; the opposite claim has ``p_paired``.
         adjusted: ``p`` after Holm's correction over all groups with answers.

@@ -21,8 +21,8 @@ from betterbench.vqa.visible import clear, hidden, large
 class Moment:
     """One row of an episode as seen by one camera.
 
-    Objects are named by their kind, and only if the kind is unique in the scene. The kind names below are therefore
-    names of single objects.
+    An object is referred to by its kind, and only if no other object in the scene has this kind. Each kind below
+    therefore stands for a single object.
     """
 
     episode: Episode
@@ -111,7 +111,8 @@ class Moment:
         """Return the target region that certainly contains an object, "" for the only region, or None.
 
         Raises:
-            LookupError: If the state is ambiguous: leaning, half inside, or in the gripper there.
+            LookupError: If the state is ambiguous: the object leans, is only partly inside, or is in the gripper at the
+                target.
         """
         region = relation.where(self.state, name, target)
         doubtful = relation.anyhow(self.state, name, target) is not None if region is None else self.state.held == name

@@ -1,8 +1,8 @@
 """Questions about one trial that ask for the position of the object named in the instruction.
 
 The frame is the beginning of the diagnosed decision, as in :mod:`betterbench.vqa.decisive`. The questions ask for a box
-and a point, each in two wordings. Unlike a set's questions, they are not balanced, because all are about one
-object.
+and a point, each in two wordings. Unlike the questions of a set, they are not balanced, because all of them are about
+one object.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Nouns of objects in questions: portions of uncountable objects, and names that are easily confused in an image."""
+"""Nouns in questions: countable phrases for uncountable nouns ("slice of cheese"), and easily confused names."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class RequestTotals:
     """Totals of answers.
 
     Attributes:
-        answers: Number of answers, rejected requests included.
+        answers: Number of answers, including rejected requests.
         cached: Number of answers from the cache, which cost nothing.
         rejected: Number of rejected requests.
         cut: Number of answers that the server ended at the longest answer.

@@ -1,4 +1,4 @@
-"""Static twins: pairs of a question about a variation and one of the same kind about its training scene.
+"""Static twins: each question about a variation is paired with a question of the same kind about its training scene.
 
 The twin is about the training condition of the variation, with the same seed and about the objects of that scene. It
 has the same type, form and family, and the same role in a set about decisive moments.

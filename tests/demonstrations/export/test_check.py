@@ -481,14 +481,14 @@ STRANGE = {
     ),
     "one array for two": (
         hdf5(lambda f: f["data/demo_1"].__setitem__("next", f["data/demo_0"])),
-        "is a second name of another object",
+        "is another name of an earlier object",
     ),
-    "a circle": (hdf5(lambda f: f["data"].__setitem__("demo_2", f["data"])), "is a second name of another object"),
+    "a circle": (hdf5(lambda f: f["data"].__setitem__("demo_2", f["data"])), "is another name of an earlier object"),
     "a file of the user": (
         hdf5(lambda f: f.create_dataset("data/x", (4,), "u1", external=[("secret", 0, 4)])),
-        "data/x is in another file",
+        "data/x is stored in another file",
     ),
-    "an array of views": (hdf5(with_virtual), "actions is in another file"),
+    "an array of views": (hdf5(with_virtual), "actions is stored in another file"),
     "a terabyte": (
         hdf5(lambda f: f.create_dataset("data/x", (10**12,), "u1", chunks=(1 << 20,), compression="gzip")),
         "data/x claims 1000000000000 bytes",

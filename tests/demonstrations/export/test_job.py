@@ -219,10 +219,10 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
             export_dataset(again)
             assert read_v30(again.out)[0]["language_events"] == events
         else:  # of another run, which had the same trial
-            with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
+            with pytest.raises(InvalidInputError, match="contains no questions about frames of these episodes"):
                 export_dataset(again)
     write_set(tmp_path / "others", questions[3:], (), "training")
-    with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
+    with pytest.raises(InvalidInputError, match="contains no questions about frames of these episodes"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path / "others"))
     with pytest.raises(RecordError, match="contains no complete question set"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path))
@@ -232,7 +232,7 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
     ("options", "said"),
     [
         ({"validation": 1.5}, "--validation: 1.5 is out of range"),
-        ({"to": "lerobot-v2.1", "language": True}, "lerobot-v2.1 has no such columns"),
+        ({"to": "lerobot-v2.1", "language": True}, "lerobot-v2.1 does not support language columns"),
         ({"quality": "best"}, "Unknown quality 'best'"),
     ],
 )
@@ -257,7 +257,7 @@ def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path,
     words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
     assert main(words) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "--preset: belongs to data sets, but submission is not a data set. Add --to lerobot" in said
+    assert "--preset: applies only to data sets, and submission is not a data set. Add --to lerobot" in said
     assert not (tmp_path / "set").exists()
 
 
@@ -355,7 +355,7 @@ def test_a_link_to_nothing_is_refused_before_anything_is_drawn(demonstrations, t
 def test_it_is_said_that_no_seed_is_held_out(demonstrations, tmp_path, capsys):
     words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--validation", "0.01"]
     assert main([*words, "--out", str(tmp_path / "set")]) == 0
-    assert "no seed is held out: 0.01 of" in " ".join(capsys.readouterr().err.split())
+    assert "no seed is held out: a share of 0.01 of" in " ".join(capsys.readouterr().err.split())
 
 
 def test_an_empty_preset_is_no_preset(demonstrations, tmp_path, capsys):

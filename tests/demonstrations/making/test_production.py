@@ -95,7 +95,7 @@ def test_a_run_with_a_seed_of_tests_is_no_source(sources, tmp_path):
         line.pop("link")
     (copy / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     (copy / "run.json").write_text(json.dumps(sealed_form(plan)))
-    with pytest.raises(InvalidInputError, match="seed of a test"):
+    with pytest.raises(InvalidInputError, match="a test seed"):
         amplify(copy, tmp_path / "out", demos=1)
 
 
@@ -127,7 +127,7 @@ def test_bad_input_is_one_clear_error(sources, tmp_path):
             amplify(sources.path, tmp_path / "a", settings=settings)
     with pytest.raises(InvalidInputError, match="--attempts"):
         collect(["fast_food"], tmp_path / "b", demos=1, attempts=0)
-    with pytest.raises(InvalidInputError, match="folder of the sources"):
+    with pytest.raises(InvalidInputError, match="folder of the source demonstrations"):
         amplify(sources.path, sources.path)
     with pytest.raises(InvalidInputError, match="no successful demonstration of fast_food"):
         amplify(sources.path, tmp_path / "c", tasks=["fast_food"])

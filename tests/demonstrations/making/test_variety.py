@@ -186,6 +186,6 @@ def test_amplified_demonstrations_are_as_varied_as_their_sources(tmp_path, capsy
     assert form["variety"][0]["spread"]["path_cm"] == own.spread.path_cm
     assert form["sources"][0]["spread"]["path_cm"] == theirs.spread.path_cm
     assert main(["shortcuts", str(many.path)]) == 0
-    assert "variety: mean difference of two demonstrations" in capsys.readouterr().out
+    assert "variety: mean difference between two demonstrations" in capsys.readouterr().out
     moved = few.path.rename(tmp_path / "elsewhere")
     assert acceptance_of(many).sources == () != variety_of_run(type(few).open(moved))

@@ -529,7 +529,7 @@ LAYOUTS = {
     "sometimes never closed": Layout(sometimes_never_closed),
     "no names": Layout(
         no_names,
-        refused="its numbers have no names",
+        refused="its components have no names",
         options=("--gripper", "action[3]", "--place", "observation.state[0,1,2]"),
     ),
     "begins anywhere": Layout(

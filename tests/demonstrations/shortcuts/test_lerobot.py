@@ -112,7 +112,7 @@ def test_one_instruction_tells_nothing_about_words(tmp_path, capsys):
     one = table.set_column(1, "__index_level_0__", pa.array(["tidy up"] * len(table)))
     pq.write_table(one, path / "meta" / "tasks.parquet")
     assert main(["shortcuts", str(path)]) == 0
-    assert "has only one instruction, so it cannot show whether a policy follows words" in " ".join(
+    assert "has only one instruction, so it cannot show whether a policy follows instructions" in " ".join(
         capsys.readouterr().err.split()
     )
 
@@ -155,7 +155,7 @@ def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
         assert told in reading.paragraph.replace("Left", "left")
     for total in (10**400, -3, "many", True, 2.5):
         (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": total}))
-        assert "is not a number of episodes" in read_lerobot(path).reading.paragraph
+        assert "is not a count" in read_lerobot(path).reading.paragraph
 
 
 def test_instructions_that_cannot_be_read_are_one_clear_line(tmp_path):
@@ -248,7 +248,7 @@ def test_features_that_say_something_else_than_the_data_are_one_clear_line(tmp_p
     for change, said in (
         ({"shape": [10**7]}, "no proprioception"),
         ({"shape": [400]}, "not have 400 numbers in each row"),
-        ({"names": ["grip"] * 4}, "are of the gripper"),
+        ({"names": ["grip"] * 4}, "belong to the gripper"),
     ):
         features = {**known["features"], "observation.state": {**known["features"]["observation.state"], **change}}
         file.write_text(json.dumps({**known, "features": features}))

@@ -140,7 +140,7 @@ def test_the_advice_about_places_lists_numbers_of_that_arm(tmp_path):
     names = ["left_x", "right_wrist", "left_y", "right_x", "left_z", "a", "left_gripper", "right_gripper"]
     info_of(path, features=info["features"] | {"observation.state": state | {"names": names}})
     said = refusal(path, Choices(grippers=("action:right_gripper",)))
-    assert "no names show the position of the right arm" in said
+    assert "no component is named like the position of the right arm" in said
     assert "observation.state has observation.state:right_wrist, observation.state:right_x" in said
     assert "left" not in said
     assert "--place 'COLUMN[0,1,2]', with its own column and numbers, x first, counted from 0" in said
@@ -200,7 +200,7 @@ def test_an_arm_is_idle_beside_a_gripper_in_meters_too(tmp_path):
     noisy_arm(path, lambda draw, e: draw.normal(0.04, 0.001, len(e)))
     assert "which never moves (range 0.03" in read_lerobot(path).reading.paragraph
     noisy_arm(path, lambda draw, e: draw.uniform(-0.02, 0.02, len(e)))
-    told = r"never moves \(range -0.0\d+ to 0.0\d+, smaller than that of action:left_gripper, and as fast as noise\)"
+    told = r"never moves \(range -0.0\d+ to 0.0\d+, smaller than that of action:left_gripper, and it alternates"
     assert re.search(told, read_lerobot(path).reading.paragraph)
 
 
@@ -225,7 +225,7 @@ def test_an_episode_with_a_number_that_cannot_be_used_is_left_out(tmp_path_facto
     change_numbers(path, name, lambda v, e: v.__setitem__((e < 12, slice(None)), value))
     said = refusal(path, chosen)
     assert f"13 of 24 episodes cannot be used: episode 0 has {reason} (in {name})" in said
-    assert "Name other columns with --gripper, --place or --instruction, or write these numbers again" in said
+    assert "Give other columns with --gripper, --place or --instruction, or correct these numbers" in said
 
 
 def test_numbers_that_are_not_read_may_be_anything(tmp_path):

@@ -70,7 +70,7 @@ def test_eight_demonstrations_cannot_show_an_order_and_say_so():
     assert rule.least_share is None, "2 of 2^8 exchanges are as clear as a rule without an exception, in 4 tests"
     assert (
         rule.sentence
-        == "order of two objects: with 8 demonstrations, not even a rule without an exception would be found"
+        == "order of two objects: with 8 demonstrations, not even a rule without exceptions would be found"
     )
     assert audit.groups[0].of("order")[0].verdict == "none", "although it is always the same"
     text = "\n".join(audit_lines(audit))
@@ -84,7 +84,7 @@ def test_only_a_rule_without_an_exception_is_found_in_very_few_and_none_in_fewer
     draw = np.random.default_rng(0)
     rule = smallest(planted(draw, 9, 1.0))
     assert rule.least_share == 1.0
-    assert rule.sentence.endswith("with 9 demonstrations, only a rule without an exception would be found")
+    assert rule.sentence.endswith("with 9 demonstrations, only a rule without exceptions would be found")
     assert found(planted(draw, 9, 1.0))
     assert smallest(planted(draw, 8, 1.0)).least_share is None
     assert not found(planted(draw, 8, 1.0))

@@ -164,7 +164,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
     if file.startswith("data"):
         reading = read_lerobot(path).reading
         assert (reading.episodes, reading.of) == (11, 12)
-        assert "1 file that is a pointer of Git LFS" in reading.paragraph
+        assert "1 Git LFS pointer instead of files" in reading.paragraph
         for data in (path / "data").rglob("*.parquet"):
             data.write_bytes(POINTER)
     with pytest.raises(BetterError, match=rf"{file.rpartition('/')[2]}.*a Git LFS pointer.*git lfs pull"):
@@ -179,7 +179,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
         (Choices(grippers=("action[9]",)), "action has 4 numbers; 9 does not exist"),
         (Choices(grippers=("action",)), "action has 4 numbers. Give one of them"),
         (Choices(places=("observation.state:x",)), "1 numbers are given for 1 grippers"),
-        (Choices(places=("+action:dx", "observation.state:y")), "some numbers are steps and some are not"),
+        (Choices(places=("+action:dx", "observation.state:y")), "only some components have the prefix +"),
         (Choices(instruction="langage_instruction"), "Did you mean 'language_instruction'"),
     ],
     lambda _, wanted: wanted,
@@ -213,15 +213,15 @@ def info_of(path, **changes):
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 numbers of action have the name of a gripper"),
+        (["x", "y", "z", "gripper", "x", "y", "z", "gripper"], "2 components of action are named like a gripper"),
         (["left_gripper", "gripper", "x", "y", "z", "a", "b", "c"], "grippers with and without an arm"),
         (["x", "x", "y", "gripper", "a", "b", "c", "d"], "2 numbers are called x"),
         (
             ["left_x", "left_y", "right_x", "right_y", "gripper", "a", "b", "c"],
-            "no names show the position of the gripper",
+            "no component is named like the position of the gripper",
         ),
-        (["j1", "j2", "j3", "j4", "j5", "j6", "waist_yaw", "thumb"], "no number has the name of a gripper"),
-        ([f"motor_{i}" for i in range(8)], "no number has the name of a gripper; action was looked at first"),
+        (["j1", "j2", "j3", "j4", "j5", "j6", "waist_yaw", "thumb"], "no component is named like a gripper"),
+        ([f"motor_{i}" for i in range(8)], "no component is named like a gripper; action was searched first"),
     ],
 )
 def test_names_that_do_not_tell_are_refused(tmp_path, names, said):

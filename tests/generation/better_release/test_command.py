@@ -53,10 +53,10 @@ def test_the_same_release_gives_the_same_bytes(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--asset", "apple_1"], "is not of the form NAME=CATEGORY"),
+        (["--asset", "apple_1"], "expected NAME=CATEGORY"),
         (["--asset", "aple_1=apple"], "Unknown object of the release 'aple_1'. Did you mean 'apple_1'"),
         (["--asset", f"{APPLE}=appel"], "Did you mean 'apple'"),
-        (["--asset", f"{APPLE}=apple", f"{APPLE}=lemon"], "gives the object twice"),
+        (["--asset", f"{APPLE}=apple", f"{APPLE}=lemon"], "the object is given twice"),
         (["--catalogue", "nowhere"], "nowhere"),
     ],
 )
@@ -80,7 +80,7 @@ def test_markup_of_a_release_stays_text(tmp_path):
 
 def test_a_folder_without_a_release_is_named(tmp_path, capsys):
     assert run(tmp_path, "--out", tmp_path / "out") == 2
-    assert "Name a clone of" in " ".join(capsys.readouterr().err.split())
+    assert "Give a clone of" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.slow

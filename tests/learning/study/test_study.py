@@ -540,14 +540,14 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
                     }
                 ]
             },
-            "lever x.*frozen.*nothing is left to train",
+            "lever x.*frozen.*all parts are frozen",
         ),
         (
             {
                 "arms": {"a": {"training": 1.0}, "a-x": {"balanced": 1.0}},
                 "levers": [{"name": "x", "changes": {"steps": 5}, "arms": ["a"]}],
             },
-            "levers.*two learners would have the name morning_coffee-a-x-seed0",
+            "levers.*two learners would be named morning_coffee-a-x-seed0",
         ),
         (
             {"levers": [{"name": "x", "changes": {"capacity": "large"}, "start": "balanced"}]},
@@ -580,8 +580,8 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
             },
             "levers\\[0\\].against.*y is not applied to balanced",
         ),
-        ({"levers": [{"name": "x", "changes": {"start": "learners/x"}}]}, "lever x.start.*it is set by the study"),
-        ({"recipe": {"seed": 3}}, "recipe.seed.*it is set by the study"),
+        ({"levers": [{"name": "x", "changes": {"start": "learners/x"}}]}, "lever x.start.*is set by the study"),
+        ({"recipe": {"seed": 3}}, "recipe.seed.*is set by the study"),
         ({"recipe": {"colour": 3}}, "colour.*unknown"),
         ({"levers": [{"name": "x", "changes": {"capacity": "huge"}}]}, "lever x: capacity"),
         ({"levers": [{"name": "x", "changes": {}, "arms": ["none"]}]}, "levers\\[0\\].arms.*'none'"),

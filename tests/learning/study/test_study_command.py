@@ -66,8 +66,8 @@ def test_a_plan_becomes_a_page_and_the_same_command_resumes(plan, tmp_path, monk
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([], "Give a YAML file or --preset small"),
-        (["PLAN", "--preset", "small"], "not both"),
+        ([], "expected exactly one plan"),
+        (["PLAN", "--preset", "small"], "Give either a YAML file or a preset"),
         (["--preset", "huge"], "'huge' is not a preset"),
         (["NONE"], "cannot be read"),
     ],

@@ -229,7 +229,7 @@ def test_the_state_of_another_training_is_refused(tmp_path):
     before = contents(tmp_path / "0")
     for other in (tmp_path / "1" / STATE_NAME, tmp_path / "0" / "checkpoint.safetensors"):
         (tmp_path / "0" / STATE_NAME).write_bytes(other.read_bytes())
-        with pytest.raises(InvalidInputError, match=r"state.safetensors.*another training.*put the file back"):
+        with pytest.raises(InvalidInputError, match=r"state.safetensors.*another training.*restore the file"):
             train(tiny(), made_up(), tmp_path / "0")
     (tmp_path / "0" / STATE_NAME).write_bytes(before[STATE_NAME])
     train(tiny(), made_up(), tmp_path / "0")

@@ -170,7 +170,7 @@ def test_another_learner_than_that_which_played_is_refused(run, diagnosis, tmp_p
         return ask_about_run(other, run, diagnosis, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"))
 
     stranger = Learner.load(_written(tmp_path / "a", seed=7))
-    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Name the checkpoint of the run"):
+    with pytest.raises(InvalidInputError, match=r"is a run of other weights.*Give the checkpoint of the run"):
         ask(stranger)
     with pytest.raises(InvalidInputError, match=r"trained without questions.*co_training"):
         ask(Learner.load(_written(tmp_path / "b", answers=())))
@@ -280,7 +280,7 @@ def test_the_command_evaluates_a_learner_and_its_answers_are_set_against_its_dee
 
 def test_a_set_about_other_records_is_refused(learner, run, moments):
     other = replace(moments, records=dict.fromkeys(moments.records, "0" * 64))
-    with pytest.raises(InvalidInputError, match="was made from another record"):
+    with pytest.raises(InvalidInputError, match="is not the record from which"):
         LearnerModel("mine", learner, other, run)
     q = moments.questions[0]
     stranger = replace(q, source=replace(q.source, seed=999))

@@ -211,9 +211,9 @@ WRONG = {
     "nothing": (LAST, "        self.last(pooled)\n", "summary returns NoneType"),
     "raises": (LAST, "        return self.lost(pooled)\n", r"mine.py, line \d+: .*no attribute 'lost'"),
     "unused": (LAST, "        return pooled\n", "no action depends on its weights last.0.weight"),
-    "no summary": ("def summary", "def sumary", "mine.py: NotImplementedError: DeepSets has no method summary"),
-    "no build": ("def build", "def bild", "mine.py: NotImplementedError: DeepSets has no method build"),
-    "no network": ("(LearnerNetwork)", "", "TypeError|it makes a DeepSets"),
+    "no summary": ("def summary", "def sumary", "mine.py: NotImplementedError: DeepSets must implement summary"),
+    "no build": ("def build", "def bild", "mine.py: NotImplementedError: DeepSets must implement build"),
+    "no network": ("(LearnerNetwork)", "", "TypeError|got DeepSets"),
     "twice": (
         "DeepSets(",
         "DeepSets(LearnerNetwork): pass\n\n@learner('deep_sets', sees='objects')\nclass Again(",
@@ -225,7 +225,7 @@ WRONG = {
         "self.tied = self.word\n        self.keep_scale(",
         "word.weight and tied.weight are the same",
     ),
-    "taken": ("self.last = ", "self.head = self.last = ", "'head' has a name that every learner uses"),
+    "taken": ("self.last = ", "self.head = self.last = ", "the module name 'head' is reserved"),
     "double": (LAST, "        return self.last(pooled).double()\n", "returns torch.float64 where torch.float32"),
     "loss": (
         LAST,

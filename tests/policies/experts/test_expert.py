@@ -249,7 +249,7 @@ def test_planner_says_why_there_is_no_grasp(scene):
     s = scene("morning_coffee", "train1")
     state = s.reset()
     planner = Planner(s)
-    with pytest.raises(PlanningError, match="no free grasp of coffee_machine: no grasp annotated"):
+    with pytest.raises(PlanningError, match="no free grasp of coffee_machine: it has no annotated grasp"):
         planner.plan_pick(state, "coffee_machine")
     plan = planner.plan_pick(state, "red_mug")
     assert plan.object == "red_mug"

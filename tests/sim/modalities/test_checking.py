@@ -146,10 +146,9 @@ def test_a_folder_of_another_run_is_no_folder_of_this_one(recorded, folder, chec
         )
     status, told = check(run=other.path)
     assert status == EXIT_BAD_INPUT
-    assert "contains no file of a record of" in told
+    assert "none of the files belongs to a record of" in told
     assert (
-        "the first file belongs to fast_food/train1/0 by reaching. Name the run that the files were rendered from"
-        in told
+        "the first belongs to fast_food/train1/0 by reaching. Give the run from which the files were rendered" in told
     )
     assert "Delete" not in told
 
@@ -158,7 +157,7 @@ def test_a_check_with_other_options_than_the_folder_has_is_refused(check):
     for words in (["--camera", "wrist:49x32"], ["--camera", VIEW.text, "--modality", "depth"]):
         status, told = check(*words)
         assert status == EXIT_BAD_INPUT
-        assert "holds another set of modalities" in told
+        assert "contains another set of modalities" in told
     assert "fast_food/train1/77 is not recorded" in check("--trial", "fast_food/train1/77")[1]
 
 
@@ -201,5 +200,5 @@ def test_settings_bind_a_folder_as_soon_as_it_holds_a_file(folder, tmp_path):
     part.parent.mkdir(parents=True)
     part.write_bytes(b"half")
     for begun in (out, folder):
-        with pytest.raises(RunConflictError, match="holds another set of modalities"):
+        with pytest.raises(RunConflictError, match="contains another set of modalities"):
             ModalityFolder(begun, Wanted((VIEW,), ("depth",)))

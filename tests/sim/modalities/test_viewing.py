@@ -96,7 +96,7 @@ def test_a_record_away_from_its_run_is_named_with_the_cure(recorded, tmp_path, c
     alone = tmp_path / "alone.parquet"
     shutil.copy(recorded.run.record_path("fast_food", "train1", 0), alone)
     told = refused(capsys, alone, "--out", tmp_path / "x.html")
-    assert f"{alone}: the record is not in the folder of its run, which contains its scene." in told
+    assert f"{alone}: the record is not in its run folder, which contains the scene." in told
     assert "move the record back to RUN/records/fast_food/train1/0.parquet" in told
 
 

@@ -104,7 +104,7 @@ def test_a_planned_motion_is_the_same_in_a_space_of_joint_angles(name: str, spac
 
 def test_planned_motions_are_not_expressed_in_every_space() -> None:
     controller = ArmController(model_of("panda"), robot("panda"), action_space("ee_pose"))
-    with pytest.raises(InvalidInputError, match="planned motions are not expressed in 'ee_pose'"):
+    with pytest.raises(InvalidInputError, match="planned motions cannot be expressed in 'ee_pose'"):
         controller.own_action(np.zeros(7))
 
 

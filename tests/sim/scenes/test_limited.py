@@ -41,7 +41,7 @@ def test_it_draws_what_is_drawn_here_and_survives_every_forgery(scene):
     with LimitedView(quality="fast", size=64) as view:
         view.open(files)
         np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), expected)
-        with pytest.raises(RecordError, match="positions do not fit"):
+        with pytest.raises(RecordError, match="positions for this scene"):
             view.draw(qpos[:-1], "front", jitter=NO_JITTER)
         with pytest.raises(RecordError, match="nosuch"):
             view.draw(qpos, "nosuch", jitter=NO_JITTER)

@@ -114,7 +114,7 @@ def test_a_preset_that_translates_is_refused_with_its_layout(preset, layout):
 
 def test_a_world_is_not_played_in_another_space():
     message = refusal("libero", "openpi://127.0.0.1:9?preset=openpi_droid")
-    assert "openpi_droid answers in joint_delta, which LIBERO does not support. Give preset=NAME (" in message
+    assert "openpi_droid returns actions in joint_delta, which LIBERO does not support. Give preset=NAME (" in message
     assert refusal("libero", "http://127.0.0.1:9/act?preset=x_vla") == ""
     assert refusal("libero", "gr00t://127.0.0.1:9") == ""
     assert refusal("libero", "lerobot:some/checkpoint") == ""

@@ -194,7 +194,7 @@ def test_units_and_polarity_of_an_adapter_are_turned_into_calvins():
     row = np.array([0.02, 0.0, -0.01, 0.05, 0.0, 0.1, 1.0])
     adapter = Adapter("mine", (), (), PRESETS["native"].instruction, rule)
     np.testing.assert_allclose(adapter.actions({"a": row}, seen())[0], [1.0, 0.0, -0.5, 1.0, 0.0, 2.0, -1.0])
-    with pytest.raises(InvalidInputError, match=r"calvin_relative adds angles, but axis_angle has none"):
+    with pytest.raises(InvalidInputError, match=r"calvin_relative adds angles, which axis_angle does not contain"):
         AnswerRule("calvin_relative", parts, rotation="axis_angle")
 
 
@@ -215,16 +215,24 @@ def test_an_address_says_that_answers_are_calvins():
         (
             "openpi://host?preset=openpi_droid",
             "calvin",
-            r"openpi_droid answers in joint_delta, .* Give preset=NAME \(starvla_calvin",
+            r"openpi_droid returns actions in joint_delta, .* Give preset=NAME \(starvla_calvin",
         ),
-        ("being-h://host?preset=being_h_libero", "calvin", r"answers in ee_delta, which CALVIN does not support"),
-        ("starvla://host?preset=starvla_calvin", "", r"answers in calvin_relative, .* --suite calvin"),
+        (
+            "being-h://host?preset=being_h_libero",
+            "calvin",
+            r"returns actions in ee_delta, which CALVIN does not support",
+        ),
+        ("starvla://host?preset=starvla_calvin", "", r"returns actions in calvin_relative, .* --suite calvin"),
         (
             "starvla://host?preset=starvla_calvin",
             "libero",
-            r"answers in calvin_relative, which LIBERO does not support",
+            r"returns actions in calvin_relative, which LIBERO does not support",
         ),
-        ("vla-eval://host?preset=vla_eval_absolute", "", r"answers in libero_absolute, .* --suite libero_object"),
+        (
+            "vla-eval://host?preset=vla_eval_absolute",
+            "",
+            r"returns actions in libero_absolute, .* --suite libero_object",
+        ),
         ("openpi://host?preset=openpi_droid", "libero", r"which LIBERO does not support"),
     ],
 )

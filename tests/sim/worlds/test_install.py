@@ -87,7 +87,7 @@ def test_a_step_that_outlives_its_installation_is_waited_for(folder):
 def test_an_installation_that_fails_is_no_environment(folder):
     (folder / "go on").touch()
     (folder / "fails").touch()
-    with pytest.raises(MissingDependencyError, match="uv says no matching distribution"):
+    with pytest.raises(MissingDependencyError, match="uv reported: no matching distribution"):
         world_named("calvin").installation.install()
     assert not world_named("calvin").installation.is_installed
     (folder / "fails").unlink()

@@ -166,7 +166,9 @@ def test_an_action_space_that_a_world_does_not_play_is_refused(fake_command, cal
         make_world_plan("noop", suite="calvin", command=calvin_command, action_space="ee_delta")
     with pytest.raises(UnknownNameError, match="libero_absolute"):
         make_world_plan("noop", suite="libero_object", command=fake_command, action_space="joint_delta")
-    with pytest.raises(InvalidInputError, match=r"openpi_droid answers in joint_delta, which LIBERO does not support"):
+    with pytest.raises(
+        InvalidInputError, match=r"openpi_droid returns actions in joint_delta, which LIBERO does not support"
+    ):
         make_world_plan("openpi://host?preset=openpi_droid", suite="libero_object", command=fake_command)
     assert PLAYED_IN["calvin"][0] == "calvin_relative"
 

@@ -34,7 +34,7 @@ def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
     if table.contrasts or table.chain_contrasts:
         OUT.print()
         print_table(
-            ["pair", "where", "difference, points", "p", "pairs"],
+            ["policies", "suite", "difference, points", "p", "pairs"],
             _contrast_rows(table),
             title="the same initial states",
         )
@@ -84,7 +84,11 @@ def _print_subtasks(chains: Sequence[tuple[str, ChainSummary]]) -> None:
     names = sorted({name for _, found in chains for name in found.subtasks})
     rows = [[name, *(_count(found.subtasks.get(name)) for _, found in chains)] for name in names]
     OUT.print()
-    print_table(["subtask", *(policy for policy, _ in chains)], rows, title="of the chains that reached it")
+    print_table(
+        ["subtask", *(policy for policy, _ in chains)],
+        rows,
+        title="success in percent of the chains that reached the subtask",
+    )
 
 
 def _count(rate: Rate | None) -> str:

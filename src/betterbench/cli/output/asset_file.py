@@ -23,7 +23,9 @@ def write_sheet(hits: Sequence[tuple[str, Hit]], out: Path, *, overwrite: bool) 
     from betterbench.jobs.outputs import OutputFile, mark_of
 
     if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InvalidInputError("--out", f"{out} ends with {out.suffix!r}", "Name a file that ends with .png or .jpg")
+        raise InvalidInputError(
+            "--out", f"{out} ends with {out.suffix!r}", "Choose a file name that ends with .png or .jpg"
+        )
     if not hits:
         return
     with OutputFile(out, "assets", overwrite=overwrite):

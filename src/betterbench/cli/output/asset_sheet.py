@@ -58,7 +58,7 @@ def _picture(asset: str, hit: Hit) -> np.ndarray:
 
 
 def _tile(text: str) -> np.ndarray:
-    """Return a plain picture with a text."""
+    """Return an image that shows only a text."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGB", (_PIXELS, _PIXELS), (226, 224, 220))

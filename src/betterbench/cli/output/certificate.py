@@ -1,4 +1,4 @@
-"""A certificate as text."""
+"""Text output of a certificate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, print_table
 
 
 def print_certificate(certificate: Certificate) -> None:
-    """Print the conditions for which a clause of the certificate fails, and the totals."""
+    """Print the conditions with a failed certificate clause, and the totals."""
     groups = summaries(certificate.trials)
     short = [s for s in groups if s.passed < s.n]
     if short:
@@ -30,7 +30,7 @@ def print_certificate(certificate: Certificate) -> None:
     workers = f"{certificate.workers} worker{'' if certificate.workers == 1 else 's'}"
     of_what = f"{variations} variations, {len(groups) - variations} training conditions"
     OUT.print(f"certified   {passed} of {n} trials ({of_what})", markup=False, soft_wrap=True)
-    aside = f"; {ambiguous} ambiguous trials cannot be solved or failed" if ambiguous else ""
+    aside = f"; {ambiguous} ambiguous trials have no right outcome" if ambiguous else ""
     said = f"solves {solved.k} of {solved.n}, {certificate.expert_s:.2f} s per trial{aside}"
     OUT.print(f"expert      {said}", markup=False, soft_wrap=True)
     OUT.print(f"total time  {certificate.wall_s:.0f} s with {workers}", markup=False)

@@ -1,4 +1,4 @@
-"""A comparison of policies as text."""
+"""Text output of a comparison of policies."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return the note next to the progress bar: the number of attempts, and the start of the last attempt."""
+    """Return the note of the progress bar: the number of attempts, and the last attempted initial state."""
     last = "" if progress.last is None else f", {progress.last.trial}"
     return f"{progress.attempts} attempts{last}"
 
@@ -24,7 +24,7 @@ def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] 
     from betterbench.demonstrations.making.variety import SPREADS, variety_rows
 
     if variety:
-        title = "variety: mean difference of two demonstrations [cm, s, °]"
+        title = "variety: mean difference between two demonstrations [cm, s, °]"
         # no units, to fit the table into 80 columns
         headings = (heading.split(" [")[0] for heading in SPREADS.values())
         print_table(("task", "of", *headings), variety_rows(variety, sources), title=title)

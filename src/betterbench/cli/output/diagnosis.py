@@ -1,4 +1,4 @@
-"""Output of a diagnosis and its changes since the stored one, as text."""
+"""Text output of a diagnosis, and of its differences from the stored diagnosis."""
 
 from __future__ import annotations
 

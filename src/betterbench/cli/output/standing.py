@@ -19,7 +19,7 @@ def print_standing(policy: str, standing: Standing) -> None:
 
 
 def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
-    """Print the policies next to the first policy's best reference lines; all must have run the same trials."""
+    """Print the policies and the pretenders most similar to the first policy; all must have run the same trials."""
     first = standings[0]
     columns = scope_columns(standings)
     OUT.print()

@@ -1,4 +1,4 @@
-"""Output of static evaluations of vision-language models, as text."""
+"""Text output of static evaluations of vision-language models."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from betterbench.vlm.steps import Cell, StepTable
 
 MOST_GROUPS = 12
-"""Maximum number of groups to print; kinds with more (such as scenarios) are only in result.json."""
+"""Maximum number of groups to print; groupings with more groups (such as by scenario) are only in result.json."""
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
@@ -80,7 +80,7 @@ def print_steps(table: StepTable) -> None:
 
 
 def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
-    """Print the columns that the paper's Table 3 has for one benchmark, such as the domains of EgoPlan-Bench2."""
+    """Print the scores by part that the paper's Table 3 lists for a benchmark, such as EgoPlan-Bench2's domains."""
     cells = {row.name: row.cells[benchmark] for row in table.rows if benchmark in row.cells}
     names = list(dict.fromkeys(part for cell in cells.values() for part in cell.parts))
     if names:
@@ -89,7 +89,7 @@ def _print_parts(table: StepTable, benchmark: str, title: str) -> None:
 
 
 def _print_groups(table: StepTable) -> None:
-    """Print the groups of questions on which a step gained or lost."""
+    """Print the groups of questions whose score a step changed significantly."""
     if not table.groups:
         return
     moved = [group for group in table.groups if group.is_supported and not group.explained_by]
@@ -109,12 +109,12 @@ def _print_groups(table: StepTable) -> None:
     number = f"{len(moved)} of {len(table.groups)}" if moved else f"none of {len(table.groups)}"
     print_item(
         f"Groups of questions ({kinds}) with a supported change: {number}, by paired tests with Holm's correction over "
-        f"all groups of a kind. A group is left out if smaller groups explain its change."
+        f"all groups of a kind. A group is omitted if smaller groups explain its change."
     )
 
 
 def _print_eyesight(compared: EyesightComparison) -> None:
-    """Print the size that explains a model's scores at several resolutions, or why no size does."""
+    """Print the object size above which a model answers correctly at each resolution, or why it is unknown."""
     rows = []
     for eyes, alone in compared.alone.items():
         loss = None if compared.one.value is None else compared.one.further.get(eyes)
@@ -125,7 +125,7 @@ def _print_eyesight(compared: EyesightComparison) -> None:
     print_table(heads, rows, title=f"Eyesight of {compared.name}, {compared.benchmark}")
     for eyes, alone in compared.alone.items():
         if alone.value is None:
-            print_item(f"{eyes}: the size cannot be concluded, because {alone.reason}.")
+            print_item(f"{eyes}: the size cannot be inferred, because {alone.reason}.")
     print_item(compared.sentence)
 
 
@@ -214,7 +214,7 @@ def _lines(benchmark: Benchmark, run: StaticRun) -> list[str]:
         lines.append(f"The extractor changed {score.changed} of {everything.n} scores ({share} %).")
     if score.outside:
         lines.append(
-            f"{score.outside} answers have a place outside the image in the declared convention "
+            f"{score.outside} answers contain a point outside the image in the declared convention "
             f"({run.head['coordinates']}). Check --coordinates."
         )
     return lines
@@ -262,8 +262,8 @@ def gap_sentences(gaps: Sequence[StaticGap], policy: Mapping[str, Metric]) -> li
             name = "all variations" if gap.kind == "all" else gap.name.replace("_", " ")
             lines.append(
                 f"{name}: the policy loses {100 * did.value:.0f} points, the model "
-                f"{100 * (gap.difference.value or 0.0):.0f}, and the intervals do not overlap: this loss is not in "
-                "what the model recognizes."
+                f"{100 * (gap.difference.value or 0.0):.0f}, and the intervals do not overlap: the model's "
+                "recognition does not explain this loss."
             )
     return lines
 

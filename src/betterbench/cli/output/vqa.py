@@ -1,4 +1,4 @@
-"""Output of question sets, answer scores, and a model's knowledge compared with a policy's behavior, as text."""
+"""Text output of question sets, answer scores, and the comparison of a model's knowledge with a policy's behavior."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ def print_set(made: QuestionSet) -> None:
     print_table(columns, rows, title=title)
     over = [b.name for b in made.baselines if not b.is_balanced]
     if over:
-        text = f"Without the images, guesses exceed chance by more than {TARGET_POINTS:g} points on: {', '.join(over)}."
+        text = (
+            f"Without images, guesses are more than {TARGET_POINTS:g} points better than chance on: {', '.join(over)}."
+        )
         OUT.print(f"{text} More trials, variations and cameras balance the set better.", markup=False)
 
 

@@ -1,4 +1,4 @@
-"""``better amplify``: many demonstrations from a few."""
+"""``better amplify``: demonstrations for new initial states, generated from a few source demonstrations."""
 
 from __future__ import annotations
 
@@ -25,28 +25,29 @@ def amplify_command(
     films: bool = True,
     json: bool = False,
 ) -> None:
-    """Adapt a run's demonstrations to new starts, and save them as another run.
+    """Generate demonstrations for new initial states from a run's demonstrations, and save them as another run.
 
-    Each skill in a source keeps its motion in the frame of the object or target that it manipulates. The transit
-    between skills is kept too, with height, side and speed varied by seed; if it would collide, a planner finds another
-    path. A failed attempt is repeated with another source. A demonstration is accepted if it succeeds, remains
-    successful while the robot holds still, and stays inside the certified training distribution. The variety of the
-    demonstrations is printed next to that of their sources. The same command resumes, also after Ctrl-C, and a larger
-    --demos adds demonstrations.
+    Each skill in a source demonstration keeps its motion in the frame of the object or target that it manipulates. The
+    transit between skills is kept too, with height, side and speed varied by seed; if it would collide, a planner finds
+    another path. A failed attempt is repeated with another source demonstration. A demonstration is accepted if it
+    succeeds, remains successful while the robot holds still, and stays inside the certified training distribution. The
+    variety of the demonstrations is printed next to that of their sources. The same command resumes, also after Ctrl-C,
+    and a larger --demos adds demonstrations.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 
     Args:
         sources: Run folder with the source demonstrations.
-        out: Run folder.
+        out: Output run folder.
         tasks: Tasks to amplify; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 1000000000 if not given.
-        attempts: Maximum attempts per start, each with a different leading source.
-        select: How to choose the source for each subgoal: any, by its object's position, or by the start of its motion.
+        attempts: Maximum attempts per initial state, each with a different primary source demonstration.
+        select: How to choose the source demonstration of each subgoal: any, by the position of its object, or by the
+            initial pose of its motion.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         workers: Number of worker processes; default: one per CPU core.
-        films: Render the first failed attempt of each kind, and a picture of the paths per task.
+        films: Render a video of the first failed attempt of each kind, and a picture of the paths per task.
         json: Print the outcome of the attempts as one JSON document.
     """
     from betterbench.cli.output.demonstrations import bar_note, tell_acceptance

@@ -46,9 +46,9 @@ def check_command(
         size_m: Longest side in meters; by default inferred from the format and the kind.
         mass_kg: Mass in kilograms; by default inferred from the file or the kind.
         up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
-        freeze: Fix the movable joints of a URDF or MJCF file; without this option, they are an error.
+        freeze: Fix the movable joints of a URDF or MJCF file; without this option, such a file is rejected.
         license: License to assume for files that do not state one.
-        picture: PNG or JPEG file for pictures of visible parts, collision parts and pose at rest.
+        picture: PNG or JPEG file to write: visible parts, collision parts and resting pose.
         out: Folder for the certificates; the same command resumes with the remaining assets.
         overwrite: Replace files that better assets did not write.
         json: Print one JSON document instead of a table.
@@ -80,7 +80,7 @@ def _check(
 
     if picture is not None and picture.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         problem = f"{picture} ends with {picture.suffix!r}"
-        raise InvalidInputError("--picture", problem, "Name a file that ends with .png or .jpg")
+        raise InvalidInputError("--picture", problem, "Choose a file name that ends with .png or .jpg")
     targets = targets_of(given, wishes, color=color)
     with progress_bar("asset certificates", len(targets)) as (bar, task):
         certificates = certify_targets(
@@ -123,7 +123,7 @@ def _failures(certificate: AssetCertificate) -> str:
 
 
 def _write_pictures(judged: Sequence[tuple[Target, AssetCertificate]], out: Path, *, overwrite: bool) -> None:
-    """Write a sheet with visible parts, collision parts and pose at rest of each imported asset."""
+    """Write a sheet with the visible parts, collision parts and resting pose of each imported asset."""
     from PIL import Image
 
     from betterbench.evaluation.figures.show import image_file

@@ -54,14 +54,14 @@ def import_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or ids of the catalogue, as assets.
+    """Import GLB, glTF, OBJ, STL, PLY, URDF and MJCF files, or catalogue ids, as assets.
 
     The assets are written to the folder --out, which other subcommands load with --asset-dir. The same command resumes.
 
     Example: better assets import mug.glb --kind "coffee mug" --out my_assets
 
     Args:
-        files: Files and ids to import.
+        files: Files and catalogue ids to import.
         catalogue: Catalogue folder; by default in the user's cache.
         name: Name of the asset in tasks, for a single file.
         kind: Name or description that determines the kind, such as "coffee mug"; default: the file name.
@@ -69,7 +69,7 @@ def import_command(
         size_m: Longest side in meters; by default inferred from the format and the kind.
         mass_kg: Mass in kilograms; by default inferred from the file or the kind.
         up: The file's up axis, such as --up=-z; auto chooses it from format and kind.
-        freeze: Fix the movable joints of a URDF or MJCF file; without this option, they are an error.
+        freeze: Fix the movable joints of a URDF or MJCF file; without this option, such a file is rejected.
         license: License to assume for files that do not state one.
         any_license: Also import files with a restricted or unknown license.
         author: Author to record for files that do not state one.
@@ -111,7 +111,7 @@ def _import(
     if out is None:
         raise InvalidInputError("--out", "the folder for the assets is missing", "Add --out my_assets")
     if not given:
-        raise InvalidInputError("assets import", "no file is given", "Name mesh, URDF or MJCF files")
+        raise InvalidInputError("assets import", "no file is given", "Give mesh, URDF or MJCF files")
     one_only = {
         "--name": options.name,
         "--size-m": options.size_m,
@@ -123,7 +123,11 @@ def _import(
             raise InvalidInputError(f"--{option}", f"{len(given)} files are given", "Import that file alone")
     for option, number in (("--size-m", options.size_m), ("--mass-kg", options.mass_kg)):
         if number is not None and not 0.0 < number < 100.0:
-            raise InvalidInputError(option, f"{number:g} is out of range", "Give meters and kilograms, more than 0")
+            raise InvalidInputError(
+                option,
+                f"expected a number above 0, got {number:g}",
+                "Give the size in meters and the mass in kilograms",
+            )
     requests = _requests(catalogue, given, options)
     with progress_bar("import", len(requests)) as (bar, task):
 
@@ -152,7 +156,7 @@ def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> 
 
 
 def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
-    """Return catalogue rows by id; without a catalogue, report that the path does not exist."""
+    """Return catalogue rows by id; if there is no catalogue, raise InvalidInputError about a missing file."""
     from betterbench.sim.assets.catalogue.search import Catalogue
 
     if not ids:
@@ -163,7 +167,7 @@ def _rows(catalogue: Path, ids: Sequence[str]) -> dict[str, CatalogueEntry]:
     except InvalidInputError as error:
         if Path(ids[0]).suffix:
             raise InvalidInputError(
-                ids[0], "the file does not exist", "Name a file, or an id of the catalogue"
+                ids[0], "the file does not exist", "Give a file, or an id of the catalogue"
             ) from error
         raise
 

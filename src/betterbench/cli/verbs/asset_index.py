@@ -1,4 +1,4 @@
-"""``better assets index``: read sources of assets into the catalogue."""
+"""``better assets index``: add asset sources to the catalogue."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def index_command(
     encoder: str = "minilm",
     json: bool = False,
 ) -> None:
-    """Read sources of assets into the catalogue: procedural, folders of meshes, or objaverse.
+    """Add asset sources to the catalogue: procedural, folders of meshes, or objaverse.
 
     Running the command again reads only changed files, and resumes after an interruption.
 
@@ -51,7 +51,7 @@ def index_command(
     folder = catalogue or usual_folder()
     opened = [open_source(address, options) for address in sources or ("procedural",)]
     loaded, missing = _encoder(encoder)
-    with progress_bar("catalogue of assets", 0) as (bar, task):
+    with progress_bar("asset catalogue", 0) as (bar, task):
 
         def on_progress(stage: str, done: int, total: int) -> None:
             bar.update(task, description=stage, completed=done, total=total or None)

@@ -32,4 +32,4 @@ def licenses_command(*, catalogue: Path | None = None, json: bool = False) -> No
     )
     left_out = sum(total for _, _, kind, total in rows if kind != "free")
     if left_out:
-        OUT.print(f"\n{left_out} assets are searched only with --license any.")
+        OUT.print(f"\n{left_out} assets are found only with --license any.")

@@ -35,16 +35,16 @@ def search_command(
 ) -> None:
     """Search assets by words and meaning.
 
-    Assets whose license forbids commercial use or changes, or is unknown, are left out unless --license any is given.
+    Assets whose license forbids commercial use or changes, or is unknown, are omitted unless --license any is given.
 
     Example: better assets search "a shiny red apple" --out sheet.png
 
     Args:
         text: Description of the asset.
         catalogue: Catalogue folder; by default in the user's cache.
-        license: Licenses of the assets: free (the default) or any.
-        limit: Largest number of assets to list.
-        num: Number of assets to choose for the description; they differ in shape and color.
+        license: Licenses to include: free (the default) or any.
+        limit: Maximum number of assets to list.
+        num: Number of matching assets to choose, which differ in shape and color.
         seed: Seed for the choice of --num assets.
         source: Search only this source.
         max_faces: Maximum number of triangles in an asset.
@@ -103,7 +103,7 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return the message that a catalogue has no vectors, with the command that adds them."""
+    """Return the message that the catalogue has no text embeddings, and the command that adds them."""
     from betterbench.installation import EXTRAS, extra_command
 
     install = "" if EXTRAS["assets"].is_installed else f"{extra_command('assets')}, then "

@@ -1,4 +1,4 @@
-"""``better assets``: overview of its nested commands, each of which has its own module."""
+"""``better assets``: overview of its nested commands; each nested command has its own module."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ What = Literal["index", "search", "show", "licenses", "import", "check"]
 
 
 def assets_command(what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="COMMAND")]) -> None:
-    """Index sources of assets, search them by words and meaning, show one, list licenses, import or check assets.
+    """Index, search, show, import or check assets, or list their licenses.
 
-    index reads sources into the catalogue: procedural, folders of meshes, objaverse.
+    index adds asset sources to the catalogue: procedural, folders of meshes, objaverse.
 
     search finds assets by description.
 

@@ -1,4 +1,4 @@
-"""``better build``: certified tasks from scenarios."""
+"""``better build``: build certified tasks from scenarios."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def build_command(
     Example: better build picnic/scenarios --out picnic/suite
 
     Args:
-        scenarios: Files of scenarios, or folders with such files, as better generate writes them.
+        scenarios: Scenario files written by better generate, or folders with such files.
         out: Output folder of the build, which contains the suite folder.
         build: Options of the build.
         overwrite: Replace files in the folder that better build did not write.
@@ -53,20 +53,20 @@ def read_scenarios(paths: Sequence[Path]) -> list[Scenario]:
     """Read scenarios from files and folders, ordered by path and then by the number in the file name.
 
     Raises:
-        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, or the
-            groups of its objects differ from the template, or two objects have the same name.
+        InvalidInputError: If a path does not exist, a folder contains no scenario, a file is not a scenario, the groups
+            of its objects differ from the template's, or two objects have the same name.
     """
     from betterbench.generation.scenario_form import scenario_from_json
     from betterbench.generation.sense import require_groups
     from betterbench.json_form import read_bounded
 
-    cure = "Name a folder that better generate has written"
+    cure = "Give a folder written by better generate"
     found = []
     for path in paths:
         folder = path / "scenarios" if (path / "scenarios").is_dir() else path
         files = sorted(folder.glob("*.json"), key=_by_number) if folder.is_dir() else [path]
         if not files:
-            raise InvalidInputError(str(path), "the folder has no scenario", cure)
+            raise InvalidInputError(str(path), "the folder contains no scenario", cure)
         for file in files:
             scenario = scenario_from_json(read_bounded(file, max_bytes=1 << 20, cure=cure), where=str(file))
             require_groups(scenario, where=str(file))
@@ -123,7 +123,7 @@ def build_and_tell(
 
 
 def _tell_imported(imported: ImportedMeshes, out: Path) -> None:
-    """Print the imported meshes, and the matching meshes that cannot be used."""
+    """Print the imported meshes, and the matching meshes that could not be imported, with the reason."""
     from betterbench.generation.building.importing import IMPORTED
 
     for row, problem in imported.refused:

@@ -124,17 +124,17 @@ def _check_options(
     power: bool,
     write_package: bool,
 ) -> None:
-    """Raise InvalidInputError about options that cannot be combined."""
+    """Raise InvalidInputError if options cannot be combined."""
     from betterbench.tasks import suite_tasks
 
     if write_package and (policies or (tasks and not power and set(tasks) != set(suite_tasks("better60")))):
-        problem = "it rewrites the file of the whole suite"
+        problem = "it replaces the packaged file of the full suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
     if power and (policies or strengths != STRENGTHS or trials is not None or seed != 0 or family != "faulty"):
         raise InvalidInputError(
             "--power",
             "the power matrix has fixed policies, strengths, trials and seeds",
-            "Leave those options out, or leave out --power",
+            "Leave out these options, or leave out --power",
         )
     if family != "faulty" and (tasks or policies or strengths != STRENGTHS):
         raise InvalidInputError(
@@ -161,7 +161,7 @@ def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bo
     folder = suite_folder_of(tasks)
     if folder is not None:
         copied = f"cp {shell_word(str(out / 'power.json'))} {shell_word(str(folder))}"
-        OUT.print(f"next        {copied}, which the reports of this suite then use", markup=False, soft_wrap=True)
+        OUT.print(f"next        {copied}; reports about this suite will use it", markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -174,7 +174,7 @@ def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
 def _store_power(found: PowerMatrix, out: Path, *, write_package: bool, tasks: Sequence[str]) -> Path:
     """Write a power matrix, also into the package if requested, and return the path of its page.
 
-    If only a part of a suite was measured, the cells of its other tasks stay as they are in the package.
+    If only a part of the suite was measured, the packaged cells of its other tasks are kept.
     """
     from betterbench.diagnosis.measures.power_matrix import packaged_matrix_name, packaged_power_matrix
     from betterbench.jobs import write_durably

@@ -33,15 +33,15 @@ def certify_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Certify that trials are solvable, inside the training distribution, at rest, reachable and true to their premise.
+    """Certify that trials can be solved with trained motions, begin at rest, and match the premise of the instruction.
 
     better eval plans the same trials for the same tasks, trials and seed. Ctrl-C keeps finished trials; the
     same command resumes. The exit status is 0 even if a clause fails; such trials are listed, and better eval rejects
     them.
 
-    With --demonstrations nothing is certified. Instead, the given number of expert demonstrations per task is measured:
-    the certificate and pre-placed objects depend on where the expert releases objects. Do this once for your own task
-    file.
+    With --demonstrations, the command measures that number of expert demonstrations per task instead of certifying. The
+    certificate and the poses of pre-placed objects depend on where the expert releases objects. Do this once for your
+    own task file.
 
     Example: better certify --tasks fast_food --trials 3 --out runs/certificate
 
@@ -53,7 +53,7 @@ def certify_command(
         seed: First seed.
         workers: Number of worker processes; default: one per CPU core.
         demonstrations: Measure this number of demonstrations per task, for example 120, instead of certifying.
-        looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
+        looks: Appearance of objects and rooms: seen (in demonstrations) or unseen.
         arm: The robot.
         write_package: Also write the compact certificate, or the demonstrations, that are shipped with the suite; for
             maintainers. With --tasks, the other tasks are copied from the packaged files if their versions agree.
@@ -73,19 +73,19 @@ def certify_command(
 
     of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
     if write_package and arm != USUAL_OPTION:
-        problem = "the packaged files are those of the robots for which the tasks are laid out"
+        problem = "the packaged files are for the robot for which the tasks are laid out"
         raise InvalidInputError("--write-package", problem, "Leave out --robot")
     robot = arm.of(tasks or of_suite)
     of_package = arm.of(of_suite)
     if write_package and demonstrations is None and robot != of_package:
-        problem = f"the certificate of {suite} is one of {of_package!r}, and these tasks are laid out for {robot!r}"
-        raise InvalidInputError("--write-package", problem, "Name the suite of these tasks with --suite")
+        problem = f"the certificate of {suite} is for robot {of_package!r}, but these tasks are laid out for {robot!r}"
+        raise InvalidInputError("--write-package", problem, "Give the suite of these tasks with --suite")
     if write_package and suite not in SUITES:
-        raise InvalidInputError("--write-package", f"{suite} is not packaged", f"Name one of {', '.join(SUITES)}")
-    if write_package and demonstrations is None and looks != "seen":
         raise InvalidInputError(
-            "--write-package", "it replaces the certificate with the seen looks", "Leave out --looks"
+            "--write-package", f"{suite} is not a packaged suite", f"Choose one of {', '.join(SUITES)}"
         )
+    if write_package and demonstrations is None and looks != "seen":
+        raise InvalidInputError("--write-package", "the packaged certificate has the seen looks", "Leave out --looks")
     kept = None
     if write_package and demonstrations is None and tasks:
         rest = [name for name in of_suite if name not in tasks]
@@ -133,8 +133,8 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
 
     packaged = [name for name in tasks if destination(get_task(name).id) is None]
     if packaged and not write_package:
-        problem = f"the demonstrations of {packaged[0]} are shipped with the suite"
-        raise InvalidInputError("--demonstrations", problem, "Name tasks of a --task-file, or add --write-package")
+        problem = f"demonstrations of {packaged[0]} are already shipped with the suite"
+        raise InvalidInputError("--demonstrations", problem, "Give --tasks from a --task-file, or add --write-package")
     with progress_bar("measure", number * len(tasks)) as (bar, task):
 
         def told(progress: JobProgress[Demonstration]) -> None:
@@ -154,7 +154,7 @@ def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, ro
 
 
 def _write_package(certificate: Certificate, kept: Coverage | None, suite: str, tasks: tuple[str, ...]) -> None:
-    """Write the compact form of a certificate into the package, with the coverage that is kept of other tasks."""
+    """Write the compact form of a certificate into the package, with the packaged coverage of the other tasks."""
     from betterbench.certification.coverage import Coverage, packaged_name
     from betterbench.certification.runner import write_coverage
 

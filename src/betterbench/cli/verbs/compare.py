@@ -1,4 +1,4 @@
-"""``better compare``: comparison of several policies, overall and by group, with the detectable differences."""
+"""``better compare``: comparison of policies, overall and by group, with the smallest detectable differences."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def compare_command(
 ) -> None:
     """Compare policies pairwise, on the trials that their runs share.
 
-    Runs in several suites or in CALVIN are shown in one table instead: LIBERO's four suites and CALVIN's chains,
-    comparisons of the policies on the same initial states, and each policy's drop in success when the scene changes.
+    Runs of several suites or of CALVIN are shown in one table instead: success in LIBERO's four suites and CALVIN's
+    chains, comparisons on the same initial states, and each policy's drop in success when the scene changes.
     Runs with the same name count as one policy. Runs of better vlm are compared in order, each with the previous one.
     Given a run of better vlm and a run of better eval for each policy, with the same names or in the same order, the
     command tests whether the static score predicts the illusion gap.
@@ -50,8 +50,8 @@ def compare_command(
         allow_mixed: Compare runs even if their versions or engines differ.
         fail_if_worse: For continuous integration: exit with status 1 if the first run is significantly worse than
             another run over all variations.
-        column: For runs of better vlm: which scores to compare: strictly parsed answers (strict), all parsed answers
-            (parsed, the default), or answers read with an extractor (extracted).
+        column: For runs of better vlm: scores to compare, from strictly parsed answers (strict), all parsed answers
+            (parsed, the default), or answers read by an extractor model (extracted).
         paper: For runs of better vlm: add the findings of better audit-paper about the paper's table of static
             benchmarks (part of betterbench-calibration).
         out: Across suites: folder for the tables as CSV and LaTeX.
@@ -66,7 +66,7 @@ def compare_command(
 
     for path in runs:
         if not path.exists():
-            raise InvalidInputError(str(path), "does not exist", "Name the folders of runs, or files of better export")
+            raise InvalidInputError(str(path), "does not exist", "Give run folders, or files written by better export")
     static = [path for path in runs if is_static_run(path)]
     if static:
         given = {"--sequential": sequential, "--allow-mixed": allow_mixed, "--fail-if-worse": fail_if_worse}
@@ -86,7 +86,7 @@ def compare_command(
         _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:
-        raise InvalidInputError("--out", "these runs are of one suite", "Leave out --out, or give `better report`")
+        raise InvalidInputError("--out", "all runs are of one suite", "Leave out --out, or use `better report`")
     with progress_bar("diagnosing", 0, stays=False) as (bar, task):
 
         def told(run: str, done: int, planned: int) -> None:
@@ -175,8 +175,8 @@ def _prediction(
         pair = sides.setdefault(called, {})
         if (path in static) in pair:
             kind = "better vlm" if path in static else "better eval"
-            problem = f"{pair[path in static]} and {path} are both runs of {kind} for {called!r}"
-            raise InvalidInputError("--name", problem, "Give each policy one run of each kind")
+            problem = f"{pair[path in static]} and {path} are both runs of {kind} named {called!r}"
+            raise InvalidInputError("--name", problem, "Give one run of better vlm and one of better eval per policy")
         pair[path in static] = path
     for pair in sides.values():
         if len(pair) < 2:

@@ -38,11 +38,11 @@ def dataset_command(
 ) -> None:
     """Make a training set from demonstrations of one training distribution; every record is checked.
 
-    Source demonstrations by the expert are amplified to starts that cover the distribution evenly. The folder contains
-    the demonstrations as a run (an input of better export, materialize and vqa), a dataset card, the split,
-    normalization statistics, the shortcut audit, and a prediction of the variations that a learner trained on this set
-    will fail. The command prints how to reproduce the set. Ctrl-C keeps finished demonstrations; the same command
-    resumes, and a larger --demos adds more.
+    Expert demonstrations are adapted to initial states that cover the distribution evenly (see better amplify). The
+    folder contains the demonstrations as a run (an input of better export, materialize and vqa), a dataset card, the
+    split, normalization statistics, the shortcut audit, and a prediction of the variations that a learner trained on
+    this set will fail. The command prints how to reproduce the set. Ctrl-C keeps finished demonstrations; the same
+    command resumes, and a larger --demos adds more.
 
     Example: better dataset --demos 50 --out sets/training
 
@@ -51,20 +51,21 @@ def dataset_command(
         tasks: Tasks to demonstrate; default: all tasks in the suite.
         suite: Suite that contains the tasks.
         regime: training (with the confounds), balanced (the same number of demonstrations without the confounds or any
-            test condition), diverse-confounded (as many conditions as balanced, but each word tied to its slot), or
-            covered (the test conditions).
-        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
-        sources: Expert demonstrations per training condition from which the others are amplified; with 0 or --pairs,
+            test condition), diverse-confounded (as many conditions as balanced, but each word always refers to the same
+            slot), or covered (the test conditions).
+        demos: Demonstrations per training condition; the other distributions divide the same total among their
+            conditions.
+        sources: Expert demonstrations per training condition from which the others are generated; with 0 or --pairs,
             the expert makes all demonstrations.
         seed: First seed, 1000000 or above.
         noise: Standard deviation of the noise on executed actions, in action units; recorded actions have none.
         validation: Share of the seeds held out for validation.
-        pairs: Make twins: in all conditions that share a scene, the expert moves identically until the instruction
-            makes a difference.
-        expect: Expected hash of the set, as printed on another machine; a different hash is an error.
+        pairs: Make twins: in conditions with the same scene, the expert moves identically until the instructions
+            require different motions.
+        expect: Expected hash of the set, as printed on another machine; the command fails if the hash differs.
         sign: Private SSH key with which prediction.json is signed.
         workers: Number of worker processes; default: one per CPU core.
-        pictures: Draw the starts of each task.
+        pictures: Also render a contact sheet of each task's initial states.
         overwrite: Replace files of the set that were changed by hand.
         json: Print the result as one JSON document.
     """
@@ -81,13 +82,15 @@ def dataset_command(
         _sign(made, sign)
     _tell(made, seconds, as_json=json)
     if expect is not None and made.sha256 != expect:
-        cure = "Give the same version, machine and arguments to make the same set"
+        cure = "Use the same betterbench version, kind of machine and arguments to make the same set"
         raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
 
 
 def _require_hash(text: str | None) -> None:
     if text is not None and not re.fullmatch("[0-9a-f]{64}", text):
-        raise InvalidInputError("--expect", f"{text!r} is not a hash of a set", "Give the 64 digits that were printed")
+        raise InvalidInputError(
+            "--expect", f"{text!r} is not the hash of a set", "Give the 64 hexadecimal digits that were printed"
+        )
 
 
 def _sign(made: MadeDataset, key: Path) -> None:

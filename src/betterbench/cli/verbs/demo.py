@@ -28,7 +28,7 @@ def demo_command(
         out: Folder of the runs and the report.
         trials: Trials per variation.
         workers: Number of worker processes; default: one per CPU core.
-        films: Maximum number of films in the report; other failures are shown as one image. 0 renders nothing.
+        films: Maximum number of videos in the report; other failures are shown as one image. 0 renders nothing.
         overwrite: Write to a folder OUT/report that better did not make, and replace files with the same names there.
     """
     from betterbench.api.report import report_into

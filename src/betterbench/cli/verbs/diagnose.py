@@ -34,9 +34,9 @@ def diagnose_command(
     The result is stored as RUN/diagnosis.json. If the run contains an earlier diagnosis, the differences are printed.
     An unfinished run can be diagnosed too: missing trials are not counted, and nothing is stored.
 
-    With --answers, a model's answers about the decisive moments are compared with the policy's behavior, to tell trials
-    in which the model knows and acts on it, knows but does not act on it, or does not know. better report shows the
-    comparison too.
+    With --answers, a model's answers about the decisive moments are compared with the policy's behavior: in each trial,
+    the model answers correctly and the policy acts accordingly, the model answers correctly but the policy acts
+    differently, or the model answers incorrectly. better report shows the comparison too.
 
     Example: better diagnose runs/expert
 
@@ -78,7 +78,7 @@ def diagnose_command(
 def _document(
     result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
 ) -> dict[str, Any]:
-    """Return the document that --json prints."""
+    """Return the JSON document for ``--json``."""
     from betterbench.report.headline import headline_of
 
     document = {
@@ -100,7 +100,7 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
 @contextmanager
 def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
-    """Report why a result could not be stored in the run, and continue: the result is printed anyway.
+    """Report an error while a result is stored, and continue, so that the result is printed anyway.
 
     Args:
         consequence: Beginning of the message.
@@ -146,8 +146,8 @@ def _knowledge(
     from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge
 
     if questions is None and not (answers.absolute().parent / SET_NAME).exists():
-        problem = f"the folder of {answers} contains no set of questions"
-        raise InvalidInputError("--questions", problem, "Give the folder of the set that was answered")
+        problem = f"the folder of {answers} contains no question set"
+        raise InvalidInputError("--questions", problem, "Give the folder of the question set that was answered")
     asked = read_set(answers.absolute().parent if questions is None else questions)
     asked.require_about(folder)
     known = knowledge_of(result, asked, read_answers(answers, asked))

@@ -31,10 +31,9 @@ def doctor_command(
 ) -> None:
     """Check everything that a run needs, and print a remedy for each failure. The exit status is 2 if a check fails.
 
-    With --policy: compare conventions, ask the policy for answers to one observation, measure their latency, and draw
-    the observation and the motion that the answer would cause. Then replay a demonstration of the trial through the
-    policy: comparing the resulting motion with the demonstration confirms the conventions, with a scale factor per
-        axis.
+    With --policy: compare conventions, request actions for one observation, measure the latency, and draw the
+    observation and the motion that the actions would cause. Then send the observations of a demonstration to the policy
+    and compare its actions with the demonstration, which checks the conventions and gives a scale factor per axis.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
@@ -82,7 +81,7 @@ def doctor_command(
 
 def _require_proof(found: PreflightCheck) -> None:
     if found.proof is not None and found.proof.wrong:
-        raise HandshakeError(f"The replayed demonstration says: {found.proof.verdict}")
+        raise HandshakeError(f"The replayed demonstration shows: {found.proof.verdict}")
 
 
 def _check_machine(*, json: bool) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
-"""Time from the first steps to the first estimate, and between the first two log lines without any step [s]."""
+"""Time from the first steps to the first estimate, and until a progress line that reports no step yet [s]."""
 
 LOG_EVERY_S = 60.0
 """Interval between progress lines if there is no terminal to draw a bar on [s]."""
@@ -46,7 +46,7 @@ class TrialOptions:
             world the space given in the policy address.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
-        looks: Looks of objects and rooms: seen (in demonstrations) or unseen.
+        looks: Appearance of objects and rooms: seen (in demonstrations) or unseen.
         until_decided: Stop a variation as soon as its trials show that success drops compared with training, or that it
             does not drop by half; --trials is then the maximum.
     """
@@ -70,7 +70,7 @@ MANY_TRIALS = 200
 """Number of trials above which a smaller run is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task (with the shortest trials, if planned) and number of trials of the suggested smaller run."""
+"""Task of the suggested smaller run if it is planned (it has the shortest trials), and its trials per variation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +85,8 @@ class WorldOptions:
         variants: In LIBERO-Plus, maximum number of variants per task and axis, evenly spaced; default: all.
         libero_plus_assets: In LIBERO-Plus, the authors' assets (unzipped) with new objects, lights and textures;
             default: BETTERBENCH_LIBERO_PLUS_ASSETS.
-        libero_plus_sentences: In LIBERO-Plus, "clean" gives the task's instruction; "published" appends the variant
-            name to it, as was done for the published numbers.
+        libero_plus_sentences: In LIBERO-Plus, "clean" sends the task's instruction; "published" also appends the
+            variant name, as in the published results.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
         calvin_config: In CALVIN, validation/.hydra/merged_config.yaml from the data set; without it, the configuration
             of scene D is composed from the checkout.
@@ -166,13 +166,13 @@ def evaluate_command(
         envs: Number of environments per worker, which hide the policy's latency; default: chosen by a warm-up.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Placement of a run on a Ray cluster.
-        policy_timeout: Deadline for an answer from a python: or lerobot: policy [s]; server addresses have their own
-            deadline.
+        policy_timeout: Deadline for the actions of a python: or lerobot: policy [s]; for a server, give the deadline in
+            its address.
         certificate: Certificate written by better certify, or its folder; default: the certificate shipped with the
             suite.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run even if relevant versions differ.
-        trust: With --from or --run-file, allow the file to run code or to send an API key that it names.
+        trust: With --from or --run-file, allow the file to run code or to send an API key.
         allow_changed_policy: Resume although the policy's declarations have changed since the run began.
         explain_power: Print in detail which drops the trials can show.
         json: Print one JSON document at the end.
@@ -233,10 +233,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
-    """Return a command that runs a small part of a plan, preceded by its number of trials.
-
-    The result is empty for a small plan.
-    """
+    """Return "N trials: COMMAND" for a small part of a plan, or an empty string if the plan is small."""
     from betterbench.evaluation.planning.plan import make_plan
     from betterbench.tasks.user_files import options_for
 
@@ -274,13 +271,13 @@ def _plan(
     of_suite = suite_tasks(chosen.suite)
     if from_run is not None:
         for given in (chosen, arm):
-            _refuse_changed(given, "--from repeats a run as it was", "Leave out {option}, or --from")
+            _refuse_changed(given, "--from repeats a run with its own options", "Leave out {option}, or --from")
         plan = repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions, trust=trust)
         if policy is None:
             say(f"Policy named in {from_run}: {plan.policy}")
         return plan
     if policy is None:
-        raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
+        raise InvalidInputError("--policy", "no policy is given", "Give its address, or --from RUN to repeat a run")
     options = asdict(chosen) | asdict(arm)
     del options["suite"]
     options["trials"] = USUAL_TRIALS if chosen.trials is None else chosen.trials
@@ -292,12 +289,14 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
     from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
-        raise InvalidInputError("--from", f"runs of {chosen.suite} are not repeated", "Give its --suite and --policy")
+        raise InvalidInputError(
+            "--from", f"runs of {chosen.suite} cannot be repeated", "Give --suite and --policy instead"
+        )
     if policy is None:
-        raise InvalidInputError("--policy", "no policy is named", "Give its address")
+        raise InvalidInputError("--policy", "no policy is given", "Give its address")
     _refuse_changed(
         replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
-        f"{chosen.suite} has no such option",
+        f"the option does not apply to {chosen.suite}",
         "Leave out {option}",
     )
     return make_world_plan(
@@ -331,7 +330,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
     option = f"--{name.replace('_', '-')}"
     others = [other for other in all_worlds() if has(other, name)]
     titles, suite = listed([other.facts.title for other in others]), next(iter(others[0].facts.suites))
-    raise InvalidInputError(option, f"it is for {titles}", f"Leave out {option}, or give --suite {suite}")
+    raise InvalidInputError(option, f"it applies only to {titles}", f"Leave out {option}, or give --suite {suite}")
 
 
 def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str, cure: str) -> None:
@@ -343,7 +342,7 @@ def _refuse_changed(given: TrialOptions | RobotOption | RayOptions, problem: str
 
 
 def _require_certified(plan: Plan, certificate: Path | None) -> None:
-    """Check that a certificate covers every trial in a plan, and print the certificate's limits."""
+    """Check that a certificate covers every trial of a plan, and print which parts it does not cover."""
     from betterbench.certification.refusal import require_certified
 
     remark = require_certified(plan, certificate)
@@ -376,7 +375,7 @@ def prepare_robots_of(tasks: Iterable[str]) -> None:
 
 
 def _prepare(world: World, robot: str) -> None:
-    """Prepare this machine for the runs of a world, with a bar if that takes long."""
+    """Prepare this machine for runs in a world, with a progress bar if that takes long."""
     with ExitStack() as stack:
         shown: list[Callable[..., None]] = []
 
@@ -462,7 +461,7 @@ class _RunLine:
 def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
     """Run a plan with a progress bar on standard error, after its robot's meshes are ready.
 
-    The bar is named after the policy, or has the ``label``.
+    The bar shows ``label``, or the policy name if no label is given.
 
     The options are the same as for :func:`betterbench.evaluation.evaluate`, with one worker per CPU core by default.
     """
@@ -518,7 +517,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     ambiguous = counts["ambiguous"]["n"]
     if ambiguous:
         OUT.print(
-            f"ambiguous   {ambiguous} trials, which have no right or wrong outcome and are not counted", markup=False
+            f"ambiguous   {ambiguous} trials, which are not counted because they have no right outcome", markup=False
         )
     broken = counts["errors"]["k"]
     if broken:
@@ -531,7 +530,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         _print_expert(run, {t.id for t in plan.trials if t.ambiguous})
     following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world.facts.reading != "chains":  # chains (CALVIN) get no labels
+    if plan.world.facts.reading != "chains":  # CALVIN's chains are not labeled
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 

@@ -1,4 +1,4 @@
-"""``better export``: outcomes of a run in one file, metrics for a tracker, or a data set for training."""
+"""``better export``: a run's outcomes as one file, metrics for a tracker, or a training data set."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ def export_command(
         name: Policy name; default: the name that the policy declared.
         project: Project of the tracker wandb.
         check: Submission or data set to check against the records of the runs; nothing is written.
-        preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
-            gr00t_new_embodiment and for robomimic native.
+        preset: Layout of the data set, as in a policy's address (?preset=NAME); default: lerobot, gr00t_new_embodiment
+            for lerobot-v2.1, or native for robomimic.
         tasks: Tasks in the data set; default: all tasks of the runs.
-        variations: Also export successful trials of test variations. These variations can then no longer test a policy
-            trained on the data.
+        variations: Also export successful trials of test variations. A policy trained on this data must not be
+            evaluated on these variations.
         images: Image format: video (H.264) or png (lossless, six times larger). Images for robomimic are always
             lossless.
         observation: Observation preset of the evaluation; default: the first preset with the layout's cameras.
@@ -78,7 +78,7 @@ def export_command(
     if not runs:
         named = "Give the folder of the run, the --out of better eval or better collect"
         compared = f"Give the folders of the runs to compare {check} with"
-        raise InvalidInputError("runs", "no run is named", named if check is None else compared)
+        raise InvalidInputError("runs", "no run is given", named if check is None else compared)
     if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
         return
@@ -110,7 +110,7 @@ def export_command(
 def _export_samples(
     runs: tuple[Path, ...], out: Path | None, refused: Mapping[str, object], *, overwrite: bool, as_json: bool
 ) -> None:
-    """Write the logs of samples of runs of better vlm."""
+    """Write the sample logs of runs of better vlm in the format of lmms-eval."""
     from betterbench.vlm.samples import write_samples
 
     for option in refused:
@@ -125,7 +125,7 @@ def _refuse(given: Mapping[str, object], to: str) -> None:
     for option, value in given.items():
         if value:
             cure = f"Add --to {', --to '.join(_PRESETS)}, or drop {option}"
-            raise InvalidInputError(option, f"belongs to data sets, but {to} is not a data set", cure)
+            raise InvalidInputError(option, f"applies only to data sets, and {to} is not a data set", cure)
 
 
 def _is_dataset(path: Path) -> bool:
@@ -184,7 +184,7 @@ def _export_dataset(
     left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
     seeds = {chosen.trial.seed for chosen in selection.demonstrations}
     if plan.validation and not validation_seeds(seeds, plan.validation):
-        say(f"no seed is held out: {plan.validation:g} of {len(seeds)} seeds is less than one")
+        say(f"no seed is held out: a share of {plan.validation:g} of {len(seeds)} seeds is less than one seed")
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:
@@ -209,7 +209,7 @@ def _check_dataset(runs: tuple[Path, ...], path: Path, *, as_json: bool) -> None
         )
     sentence = (
         f"{path}: agrees with the records: {found.episodes} episodes, {found.frames} frames, "
-        f"{found.pictures} pictures drawn again (largest mean error {found.worst_error:.2f} of 255 levels)"
+        f"{found.pictures} images rendered again (largest mean error {found.worst_error:.2f} of 255 levels)"
     )
     _tell(asdict(found), sentence, as_json=as_json)
 
@@ -236,7 +236,9 @@ def _export_outcomes(
     from betterbench.records import RunFolder
 
     if len(runs) > 1:
-        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or add --to lerobot for a data set")
+        raise InvalidInputError(
+            "runs", f"{len(runs)} runs are given", "Give one run, or add --to lerobot for a data set"
+        )
     folder = RunFolder.open(runs[0])
     if check is not None:
         submission = read_submission(check)
@@ -264,7 +266,7 @@ def _export_outcomes(
             write_durably(file, submission.file_bytes())
     except OSError as error:
         raise InvalidInputError(
-            "--out", f"{file} cannot be written ({error.strerror})", "Name another place"
+            "--out", f"{file} cannot be written ({error.strerror})", "Choose another file"
         ) from error
     for line in submission_lines(submission):
         say(line)

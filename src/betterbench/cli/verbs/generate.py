@@ -39,9 +39,9 @@ def generate_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Write scenarios for a template, or for a sentence whose words select the template.
+    """Write scenarios for a template, or for a sentence, whose template is chosen by its words.
 
-    A scenario is a context with an instruction and object descriptions. The offline author needs no model: it combines
+    A scenario is a setting with an instruction and object descriptions. The offline author needs no model: it combines
     library objects that belong together. The answers of a language model are checked for format and plausibility, and
     problems are sent back to the model. Every exchange is stored in exchanges.jsonl, and --replay uses the stored
     answers instead of the model. The same command produces the same files, and resumes after an interruption.
@@ -69,9 +69,8 @@ def generate_command(
         quota: Quotas PROPERTY=VALUE:AMOUNT for template, axis, context or difficulty; AMOUNT is a minimum (20%, 5) or a
             range (10%-30%, 3-8).
         quotas: YAML or JSON file with quotas.
-        distinct: Required difference between any two tasks: an object of another category, or of another category or
-            color.
-        unlike: Suites to which no near-duplicates are added: better60, or suite folders.
+        distinct: Smallest difference between two tasks: an object of another category, or of another category or color.
+        unlike: Suites whose near-duplicates are rejected: better60, or suite folders.
         max_attempts: Maximum number of scenarios to build; default: three per task.
         options: Options of the build, for --until and --build.
         overwrite: Replace files in the folder that better generate did not write.
@@ -93,8 +92,8 @@ def generate_command(
     given = {"--quota": quota, "--quotas": quotas, "--unlike": unlike, "--max-attempts": max_attempts}
     _require_unused(given, "--until", "a number of tasks")
     if not target:
-        cure = "Name one (better list templates), give a sentence in quotes, or give --until for a suite"
-        raise InvalidInputError("better generate", "there is no template", cure)
+        cure = "Give a template (see better list templates), a sentence in quotes, or --until for a suite"
+        raise InvalidInputError("better generate", "no template is given", cure)
     with progress_bar(f"scenarios by {model}", settings.count, stays=settings.asks_model) as (bar, shown):
         made = generate_scenarios(
             settings,
@@ -107,9 +106,7 @@ def generate_command(
     if not made.scenarios:
         first = made.refused[0]
         cure = f"Read {out / 'exchanges.jsonl'}, and try another model or more --tries"
-        raise InvalidInputError(
-            "better generate", f"the model wrote no scenario that makes sense ({first.problem})", cure
-        )
+        raise InvalidInputError("better generate", f"the model did not write a valid scenario ({first.problem})", cure)
     if build:
         from betterbench.cli.verbs.build import build_command
 
@@ -143,7 +140,7 @@ def _tell(made: Generated, out: Path, *, json: bool) -> None:
     ]
     print_table(("scenario", "context", "instruction", "objects"), rows, title=f"{made.template}:")
     if made.reworded:
-        say(f"The instruction is not your sentence, which {made.reworded}.")
+        say(f"The instruction differs from your sentence, which {made.reworded}.")
     for left_out in made.refused:
         say(f"scenario {left_out.number} was rejected after {left_out.tries} tries: {left_out.problem}")
     OUT.print(str(out / "scenarios"), markup=False, soft_wrap=True)

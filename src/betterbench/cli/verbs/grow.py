@@ -24,7 +24,7 @@ def read_quotas(texts: Sequence[str], file: Path | None) -> tuple[Quota, ...]:
     """Return the quotas given by ``--quota`` and by the file ``--quotas``.
 
     Raises:
-        InvalidInputError: If the file cannot be read, or a quota has another form.
+        InvalidInputError: If the file cannot be read, or a quota is malformed.
         UnknownNameError: If a property or value does not exist.
     """
     from betterbench.generation.growth.quotas import parse_quota, quotas_from_form

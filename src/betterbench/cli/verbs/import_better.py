@@ -1,4 +1,4 @@
-"""``better import-better``: tasks of the BeTTER release in our form, with an audit and a certificate."""
+"""``better import-better``: import tasks of the BeTTER release, with an audit and a certificate."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def import_better_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Import tasks of the BeTTER release, and list violations of kinematic isolation and of a truthful instruction.
+    """Import tasks of the BeTTER release, and list unsupported motions and instructions that do not match the scene.
 
     The folder is a clone of github.com/BeingBeyond/BeTTER, or one task folder in it. The output contains audit.json,
     audit.md and a suite folder with the tasks on our assets, for --suite and --task-file of other commands. The
@@ -48,7 +48,7 @@ def import_better_command(
     Args:
         folder: Clone of the release, or folder with a task.yaml.
         out: Folder to write.
-        asset: Category of our library for an object, as NAME=CATEGORY, instead of the search result.
+        asset: Asset category for an object of the release, as NAME=CATEGORY, instead of the search result.
         catalogue: Catalogue of assets to search; the built-in generators if not given.
         certify: Measure demonstrations of the imported tasks and certify them; takes minutes.
         trials: Trials per variation for --certify.
@@ -106,7 +106,7 @@ def _choices(asset: tuple[str, ...], releases: list[ReleaseTask]) -> dict[str, s
     for text in asset:
         name, separator, category = text.partition("=")
         if not separator or not name or not category or name in found:
-            problem = "gives the object twice" if name in found else "is not of the form NAME=CATEGORY"
+            problem = "the object is given twice" if name in found else "expected NAME=CATEGORY"
             raise InvalidInputError(f"--asset {text}", problem, "Write, for example, --asset pear_1=lemon")
         if name not in known:
             raise UnknownNameError("object of the release", name, known)
@@ -147,8 +147,8 @@ def _write_suite(imported: list[Imported], out: Path) -> str | None:
     for one in imported:
         if one.built.task is not None:
             if one.built.task.id in forms:
-                problem = f"two tasks are called {one.built.task.id} in our form"
-                raise InvalidInputError(str(one.release.folder), problem, "Import the releases one by one")
+                problem = f"two tasks get the same id, {one.built.task.id}"
+                raise InvalidInputError(str(one.release.folder), problem, "Import the task folders one by one")
             forms[one.built.task.id] = task_to_json(one.built.task)
     if not forms:
         return None
@@ -200,7 +200,7 @@ def _certify(
 
 
 def _print(one: Imported) -> None:
-    """Print the assets and variations of a task, and the faults found in it."""
+    """Print a task's assets, variations and faults."""
     from betterbench.generation.better_release import certified_text, counts_of
     from betterbench.generation.better_release.pages import certificate_notes
 

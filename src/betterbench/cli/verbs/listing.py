@@ -23,7 +23,7 @@ def list_command(
 
     Args:
         what: suites, tasks, variations, policies, assets or templates.
-        tasks: Tasks to list, or whose variations to list; all loaded tasks if none is named.
+        tasks: Tasks to list, or whose variations to list; default: all loaded tasks.
         json: Print one JSON document instead of a table.
     """
     columns, rows = _table(what, tasks)
@@ -53,9 +53,11 @@ def list_command(
     else:
         print_table(columns, rows)
     if what == "variations":
-        OUT.print("support: whether training shows every pose that the variation needs", markup=False)
+        OUT.print(
+            "support: whether the training demonstrations contain every pose that the variation needs", markup=False
+        )
     elif what == "policies":
-        OUT.print("\nzoo: faulty policies, each with one known fault that the diagnosis must find", markup=False)
+        OUT.print("\nzoo: faulty policies; each has one known fault that the diagnosis must find", markup=False)
 
 
 def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str]]]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 MOST_LISTED = 3
-"""Maximum number of files named in the error of a check; --json names all."""
+"""Maximum number of files listed in the error about a failed check; --json lists all."""
 
 
 def materialize_command(
@@ -38,8 +38,7 @@ def materialize_command(
     """Render color, depth, masks, boxes and optical flow of every recorded state into seekable files.
 
     Only the records and scenes of the run are read. Intact files are kept, so the same command resumes; missing and
-    damaged files are rendered again. The files are byte-identical regardless of interruptions and of the number of
-    workers.
+    damaged files are rendered again. Interruptions and the number of workers do not change a byte of the files.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -88,7 +87,7 @@ def materialize_command(
     if json:
         print_json({"out": str(place), **asdict(done)})
         return
-    rate = f"{done.rows / done.seconds:.0f} images/s" if done.rows and done.seconds else "nothing to draw"
+    rate = f"{done.rows / done.seconds:.0f} images/s" if done.rows and done.seconds else "nothing to render"
     OUT.print(
         f"{plural(done.trials, 'trial')}: {plural(done.files, 'file')} written, {plural(done.rows, 'image')}, "
         f"{done.bytes / 1e6:.1f} MB, {rate}; {done.kept} kept\nwritten to  {place}",
@@ -98,19 +97,21 @@ def materialize_command(
 
 
 def _trial(text: str) -> TrialId:
-    """Return the trial that TASK/CONDITION/SEED names, or raise InvalidInputError."""
+    """Return the trial given as TASK/CONDITION/SEED, or raise InvalidInputError."""
     from betterbench.errors import InvalidInputError
     from betterbench.tasks import TrialId
 
     task, _, rest = text.partition("/")
     condition, _, seed = rest.partition("/")
     if not (task and condition and seed.isascii() and seed.isdigit()):
-        raise InvalidInputError("--trial", f"{text!r} is not a trial", "Give TASK/CONDITION/SEED, as fast_food/T1/0")
+        raise InvalidInputError(
+            "--trial", f"{text!r} is not a trial", "Give TASK/CONDITION/SEED, such as fast_food/T1/0"
+        )
     return TrialId(task, condition, int(seed))
 
 
 def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
-    """Check a folder of modalities against a run's records; raise RecordError about missing or wrong files."""
+    """Check rendered modalities against a run's records; raise RecordError if files are missing or wrong."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
     from betterbench.statistics.wording import plural
@@ -134,13 +135,13 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
-    """Return one line about the problems with a folder and their remedies."""
+    """Return one line with the problems found in a folder, and the remedies."""
     from betterbench.statistics.wording import plural
 
     if found.is_of_another_run:
         return (
-            f"{place}: contains no file of a record of {run}; the first file belongs to {found.strangers[0]}. Name the "
-            "run that the files were rendered from, or another --out to render this one."
+            f"{place}: none of the files belongs to a record of {run}; the first belongs to {found.strangers[0]}. Give "
+            "the run from which the files were rendered, or another --out to render this run."
         )
     listed = [f"{problem.path.relative_to(place)} {problem.text}" for problem in found.problems]
     said = f"{plural(len(listed), 'file')} missing or wrong: {_some(listed)}"

@@ -1,4 +1,4 @@
-"""``better place``: tasks laid out for another robot."""
+"""``better place``: adapt the layout of tasks to another robot."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def place_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Lay tasks out for another robot, and measure what it can grasp and solve there.
+    """Lay tasks out for another robot, and measure which grasps it can plan and which trials it solves.
 
-    The robot's base moves to the place from which the fewest slots are out of its reach. Each task is written as a task
-    file of its own, TASK_ROBOT.json. The table shows the position of the base relative to the task's own robot, the
-    slots out of reach, the planned grasps by object and the trials that the expert solves, on the training conditions.
+    The robot's base is moved to the position from which it can reach the most slots. Each task is written as a separate
+    task file, TASK_ROBOT.json. The table shows the base position relative to the base of the task's original robot, the
+    slots out of reach, the planned grasps by object, and the trials of training conditions that the expert solves.
 
     Example: better place --robot so101 --tasks cheeseburger --out placed
 
@@ -53,7 +53,7 @@ def place_command(
 
     of_suite = suite_tasks(suite)
     if arm.robot is None:
-        raise InvalidInputError("--robot", "no robot is named", "Name the robot for which the tasks are laid out")
+        raise InvalidInputError("--robot", "no robot is given", "Give the robot for which to lay out the tasks")
     require_between("--trials", trials, 1, 1000)
     seeds = trials if measure else 0
     spec = robot(arm.robot)
@@ -73,7 +73,7 @@ def place_command(
     reasons = [reason for one in rows for reason in _reasons(*one)]
     if reasons:
         print_listing(["task", "object", "trials", "most frequent reason"], reasons)
-    say(f"wrote {len(rows)} task files to {out}; every command takes them with --task-file", whole=True)
+    say(f"wrote {len(rows)} task files to {out}; load them in any command with --task-file", whole=True)
 
 
 def _form(placed: Placed, found: Feasibility) -> dict[str, Any]:

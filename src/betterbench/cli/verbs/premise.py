@@ -25,10 +25,10 @@ def premise_command(
 ) -> None:
     """Check every initial state of LIBERO against its instruction, in the installed simulator.
 
-    Each state settles as in a run. LIBERO then evaluates every relation in the task file between an object named in the
-    instruction and another object. Such checks are needed because a simulator update can break scenes. A task takes
-    about half a minute; the same command resumes. For LIBERO-Plus, new layouts and initial robot poses are checked in
-    their only initial state, if their assets are installed (a few seconds each).
+    The objects settle as at the beginning of a run. LIBERO then evaluates every relation in the task file between an
+    object named in the instruction and another object. A simulator update can break scenes, so repeat this check after
+    an update. A task takes about half a minute; the same command resumes. In LIBERO-Plus, each new layout and initial
+    robot pose has one initial state, which is checked in a few seconds if its assets are installed.
 
     Example: better premise libero --suites libero_spatial
 
@@ -49,7 +49,7 @@ def premise_command(
     for name in chosen:
         if (suite_named(name).name in PLUS_SUITES) != (world == "libero_plus"):
             raise InvalidInputError(
-                "--suites", f"{name} is not a suite of {world}", "Name suites of this world, or the other world"
+                "--suites", f"{name} is not a suite of {world}", "Give suites of this world, or choose the other world"
             )
     path = out or Path(f"premises-{world}.jsonl")
     found: list[PremiseEntry] = []

@@ -1,4 +1,4 @@
-"""``better recipe``: configuration and commands with which a training framework follows a recipe."""
+"""``better recipe``: configuration and commands to train a policy in another framework."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better replay``: repeated simulation of a record, or its video."""
+"""``better replay``: simulate a record again, or render its video."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from betterbench.records import RecordMetadata, RunFolder
 
 MOST_FIELDS = 5
-"""Maximum number of fields named in the error about a record that differs from its replay."""
+"""Maximum number of fields listed in the error about a record that differs from its replay."""
 
 
 def replay_command(
@@ -36,7 +36,8 @@ def replay_command(
 
     Args:
         record: Record file, in its run's folder.
-        twin: Render the trial next to its training twin, with instructions, clock, labels and the gripper's path.
+        twin: Render the trial next to its training twin, with instructions, elapsed time, labels and the gripper's
+            path.
         check: Simulate again and compare all recorded results, instead of writing a video.
         out: Video file to write; a file in the run folder if not given.
         camera: Camera of the video.
@@ -47,7 +48,9 @@ def replay_command(
     from betterbench.evaluation import check_record
 
     if check and twin:
-        raise InvalidInputError("--twin", "--check writes no video", "Give one of the two")
+        raise InvalidInputError(
+            "--twin", "it cannot be combined with --check, which does not write a video", "Leave out one of the two"
+        )
     if not check:
         path = (_twin_video if twin else _video)(record, out, camera=camera, size=size, overwrite=overwrite)
         say(f"wrote {path}", whole=True)
@@ -79,8 +82,8 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     if run is None or Path(os.path.realpath(run.record_path(meta.task, meta.condition, meta.seed))) != place:
         trial = one_line(f"{meta.task}/{meta.condition}/{meta.seed}")
         raise RecordError(
-            f"{record}: the record is not in the folder of its run, which contains its scene. Give the path there, or "
-            f"move the record back to RUN/records/{trial}.parquet."
+            f"{record}: the record is not in its run folder, which contains the scene. Give the path in that folder, "
+            f"or move the record back to RUN/records/{trial}.parquet."
         )
     return run, meta
 

@@ -1,4 +1,4 @@
-"""``better report``: page with the results of policies and the reasons for their failures."""
+"""``better report``: write a page with the results of policies and the reasons for their failures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def report_command(
         twins: For LIBERO-PRO runs: the same policy's run of the base suite, one per run and in the same order.
         out: Report folder; RUN/report if not given.
         latex: Write LaTeX tables too.
-        films: Maximum number of trials shown as films; other failures are shown as one image. 0 renders nothing.
+        films: Maximum number of trials shown as videos; other failures are shown as one image. 0 renders nothing.
         overwrite: Write to a folder that better report did not make, and replace files with the same names there.
     """
     from betterbench.api.report import report_into

@@ -62,18 +62,18 @@ def review_command(
         _agree(given[1:], json=json)
         return
     if json:
-        raise InvalidInputError("--json", "it is for better review agree", "Leave it out")
+        raise InvalidInputError("--json", "it applies only to better review agree", "Leave it out")
     if word == "apply":
         _apply(given[1:], out, overwrite=overwrite)
         return
     if word == "scenes":
         if given[1:]:
-            problem = f"{given[1]} is not an option of the review of scenes"
-            raise InvalidInputError("review scenes", problem, "Name tasks with --tasks")
+            problem = f"unexpected argument {given[1]}"
+            raise InvalidInputError("review scenes", problem, "Give tasks with --tasks")
         _review_scenes(tasks, author, out or Path("scene_reviews.jsonl"), host=host, port=port)
         return
     if tasks:
-        problem = "objects belong to no task"
+        problem = "the review of objects does not use tasks"
         raise InvalidInputError("--tasks, --suite", problem, "Review scenes: better review scenes --tasks TASK")
     _review_objects(given, author, out or Path("reviews.jsonl"), host=host, port=port)
 
@@ -131,7 +131,7 @@ def _asset_folders(*, required: bool = True) -> list[Path]:
 
     folders = [Path(file.path).parent for file in loaded_files() if file.is_asset_folder]
     if required and not folders:
-        raise InvalidInputError("review assets", "no folder of assets is given", "Give it with --asset-dir")
+        raise InvalidInputError("review assets", "no asset folder is given", "Give it with --asset-dir")
     return folders
 
 
@@ -180,7 +180,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
     for path in paths:
         say(f"wrote {path}", whole=True)
     if any(reviewed.moved for reviewed in found.values()):
-        say("slots have moved: measure demonstrations of the new files with better certify --demonstrations 120")
+        say("slots have moved: measure demonstrations of the new task files with better certify --demonstrations 120")
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
@@ -211,5 +211,5 @@ def _sentence(table: AgreementTable, what: str) -> str:
     kappa, interval = table.kappa, table.interval()
     agree = f"Both agree on {sum(table.counts[k][k] for k in range(len(table.categories)))} of {table.n} {what}"
     if kappa is None or interval is None:
-        return f"{agree}; kappa is not defined, since both gave every one the same verdict."
+        return f"{agree}; kappa is undefined, because both reviewers gave all of them the same verdict."
     return f"{agree}; Cohen's kappa {kappa:.2f} (95 % interval {interval.low:.2f} to {interval.high:.2f})."

@@ -1,4 +1,4 @@
-"""``better serve``: server for any policy with the openpi protocol."""
+"""``better serve``: serve any policy with the openpi protocol."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def serve_command(
     """Serve a policy over the openpi protocol to other clients and harnesses, until Ctrl-C or SIGTERM.
 
     An expert needs privileged state, so the server runs a shadow simulation of its client's scene. Clients of
-    betterbench name their trial. For other clients, --task, --condition and --seed give the trial; without --task, the
-    first training condition whose instruction equals the client's prompt is used.
+    betterbench send the name of their trial. For other clients, --task, --condition and --seed give the trial; without
+    --task, the first training condition whose instruction equals the client's prompt is used.
 
     Example: better serve expert --port 8000
 
@@ -51,12 +51,12 @@ def serve_command(
         host: Interface to listen on; 0.0.0.0 accepts other machines.
         port: Port to listen on; 0 for any free one.
         chunk: Number of actions per expert answer; default 8.
-        layout: Preset that determines how an expert reads requests and writes answers, to test a client or an adapter;
-            default: native and openpi_libero.
+        layout: Preset of the observations and actions of a served expert, to test a client or an adapter; default:
+            native and openpi_libero.
         batch: Maximum number of observations per act_batch call, for policies that implement it; default 16.
         clients: Maximum number of simultaneous clients; 128 if not given. Further clients are rejected until one
             disconnects.
-        task: Task for clients that do not name one.
+        task: Task for clients that do not send one.
         condition: Condition of that task; default: its first training condition.
         seed: Seed of that trial; default 0.
         arm: Robot in an expert's scenes.
@@ -72,7 +72,7 @@ def serve_command(
     trial = chosen_trial(task, condition, seed)
     key = _key(api_key_env)
     if chunk is not None:
-        _require_expert(policy, "--chunk", "chooses the length of its chunks itself")
+        _require_expert(policy, "--chunk", "chooses its own chunk length")
     if arm != USUAL_OPTION:
         _require_expert(policy, "--robot", "acts with the robot of its observations")
     server = open_server(
@@ -89,7 +89,7 @@ def serve_command(
         made=None if batch is None else _batch_policy(policy),
     )
     if api_key_env is None and host not in LOOPBACK_NAMES:
-        say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
+        say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME requires an API key.")
     arm_words = "".join(f" {word}" for word in arm.words)
     evaluation = f"better eval --policy {shell_word(server.address)}{loading_options()} --trials 3{arm_words}"
     with _connections_logged(), stopped_by_signal() as stopped, server:
@@ -106,7 +106,7 @@ def serve_command(
 
 
 def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
-    """Return the trial that the options name, or None.
+    """Return the trial given by the options, or None.
 
     Raises:
         InvalidInputError: If a condition or seed is given without a task.
@@ -122,7 +122,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 
 
 def _require_expert(policy: str, option: str, does: str) -> None:
-    """Raise InvalidInputError for an option that only experts have; unknown policies fail later."""
+    """Raise InvalidInputError if an option for experts is given with another policy; unknown policies fail later."""
     from betterbench.policies.kinds import find_kind
 
     kind = find_kind(policy)

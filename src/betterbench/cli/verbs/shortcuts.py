@@ -1,4 +1,4 @@
-"""``better shortcuts``: shortcuts in a dataset, and the variations that a learner would fail because it uses them."""
+"""``better shortcuts``: find shortcuts in a dataset, and predict which variations a learner will fail."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def shortcuts_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Find associations in demonstrations that exceed chance: of words and objects with positions, steps and targets.
+    """Find associations of words and objects with positions, steps and targets that exceed chance in demonstrations.
 
-    For a run, the recorded states show where each object starts, which objects are picked and where they are placed,
-    and how varied the demonstrations are. For a LeRobot dataset (2.0 to 3.0), instructions, actions and proprioception
-    are read. Words, word pairs and complete instructions are tested against four facts: where the gripper first closes,
-    where it last opens, its first direction, and the order of its targets. The audit first prints how the data were
-    read. Columns whose names do not reveal their meaning must be given by --instruction, --gripper, --place and
+    For a run, the initial position of each object, the order of picks and placements, and the variety of the
+    demonstrations are taken from the recorded states. For a LeRobot dataset (2.0 to 3.0), instructions, actions and
+    proprioception are read. Words, word pairs and complete instructions are tested against four facts: where the
+    gripper first closes, where it last opens, its first direction, and the order of its targets. The audit first prints
+    which columns were used. If the column names do not show their meaning, give --instruction, --gripper, --place and
     --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for the whole column).
 
     For runs, each rule is compared with the variations: a variation that breaks a rule distinguishes a policy that
@@ -50,14 +50,14 @@ def shortcuts_command(
 
     Args:
         data: Folder of a run or a LeRobot dataset.
-        instruction: Column with the instructions in a LeRobot dataset: a frame column (texts, or task numbers), or a
+        instruction: Column with the instructions in a LeRobot dataset: a frame column (strings or task indices), or a
             column of meta/tasks.
         gripper: Component with the gripper opening, such as action:gripper; one per arm.
         place: Components of the gripper position, x first, such as observation.state[0,1,2]; one set for each
-            --gripper, in the same order. A leading + sums up steps.
-        closed: End of the gripper's range that means closed; auto infers it from names and values, or stops with an
-            error that asks for it.
-        seed: Seed of the sample taken from more than 5,000 episodes.
+            --gripper, in the same order. With a leading +, the components are displacements and are summed.
+        closed: End of the gripper's range at which it is closed; auto infers it from names and values, or fails if it
+            cannot be inferred.
+        seed: Seed of the sample that is drawn if the dataset has more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
         overwrite: Write to a folder that better shortcuts did not make, and replace files with the same names there.
@@ -93,7 +93,7 @@ def _print(
         print_item(audit.reading.paragraph)
     for group in audit.groups:
         if len({fact.instruction for fact in facts if fact.group == group.group}) < 2:
-            say(f"{group.group} has only one instruction, so it cannot show whether a policy follows words")
+            say(f"{group.group} has only one instruction, so it cannot show whether a policy follows instructions")
         for note in group.notes:
             say(f"{group.group}: {note}")
     _tell(audit, prediction)
@@ -125,11 +125,11 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
         return found.facts, "", found.reading
     folder = _run_in(data)
     if not (folder / "run.json").exists():
-        problem = "it is neither a run nor a LeRobot dataset"
+        problem = "the folder is neither a run nor a LeRobot dataset"
         raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
     for option in ("instruction", "grippers", "places", "closed"):
         if choices[option]:
-            problem = f"belongs to LeRobot datasets, and {data} is a run, which needs no such option"
+            problem = f"applies only to LeRobot datasets, and {data} is a run"
             raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
     run = RunFolder.open(folder)
     entries = list(run.entries())
@@ -148,7 +148,7 @@ def _run_in(data: Path) -> Path:
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return the variety of a run's demonstrations, or None for a LeRobot dataset, whose objects are not known."""
+    """Return the variety of a run's demonstrations, or an empty tuple for a LeRobot dataset."""
     from betterbench.demonstrations.making.variety import variety_of_run
     from betterbench.records import RunFolder
 

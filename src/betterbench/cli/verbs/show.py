@@ -39,7 +39,9 @@ def show_command(
     from betterbench.jobs.outputs import OutputFile, mark_of
 
     if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InvalidInputError("--out", f"{out} ends with {out.suffix!r}", "Name a file that ends with .png or .jpg")
+        raise InvalidInputError(
+            "--out", f"{out} ends with {out.suffix!r}", "Choose a file name that ends with .png or .jpg"
+        )
     task, _, name = what.partition("/")
     with OutputFile(out, "show", overwrite=overwrite):
         options: dict[str, Any] = {"seed": seed, "size": size, "robot": arm.of([task])}

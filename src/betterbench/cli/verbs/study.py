@@ -75,7 +75,9 @@ def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan
     from betterbench.tasks import suite_tasks
 
     if (file is None) == (preset is None):
-        raise InvalidInputError("the plan", "a study needs one plan", "Give a YAML file or --preset small, not both")
+        raise InvalidInputError(
+            "the plan", "expected exactly one plan", "Give either a YAML file or a preset, such as --preset small"
+        )
     tasks = {} if suite is None else {"tasks": list(suite_tasks(suite))}
     if file is not None:
         read = read_yaml(file, cure=CURE, deepest=8)  # camera views are nested

@@ -33,11 +33,12 @@ def teleop_command(
     leader_port: str = "",
     leader_id: str = "leader",
 ) -> None:
-    """Demonstrate tasks in the browser: drag the gripper, undo to the last subgoal, and save into a run folder.
+    """Demonstrate tasks in the browser and save the demonstrations into a run folder.
 
     The page shows the scene, the camera images, the instruction and the subgoals. The gripper follows the gizmo, keys,
-    a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Only saved demonstrations are
-    written, as ordinary records with segments and the name of the demonstrator. The command needs no display and
+    a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Motions can be undone up to
+    the last subgoal. Only saved demonstrations are written, as ordinary records with segments and the name of the
+    demonstrator. The command needs no display and
     listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE). The printed
     address contains a token that every request needs. Ctrl-C keeps saved demonstrations; the same command resumes, and
     a larger --demos adds more demonstrations.
@@ -47,7 +48,7 @@ def teleop_command(
     Args:
         out: Run folder.
         tasks: Tasks to demonstrate.
-        condition: The only training condition to demonstrate; default: all.
+        condition: Training condition to demonstrate; default: all.
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
         name: Demonstrator name in the records; default: the user name.
@@ -85,7 +86,7 @@ def teleop_command(
 
 
 def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
-    """Run the page until Ctrl-C, and return whether an unneeded thread is still running."""
+    """Run the page until Ctrl-C, and return whether a thread is still running."""
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.demonstrations.teleop.cameras import CameraThread
     from betterbench.demonstrations.teleop.station import Station

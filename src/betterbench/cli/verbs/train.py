@@ -1,4 +1,4 @@
-"""``better train``: training of a small policy on demonstrations, configured by a recipe file."""
+"""``better train``: train a small policy on demonstrations with a recipe file."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def train_command(
     workers: int = 1,
     json: bool = False,
 ) -> None:
-    """Train a small learner on demonstrations; it is then evaluated as learned:OUT.
+    """Train a small learner on demonstrations; evaluate it afterwards with the policy address learned:OUT.
 
-    The folder contains checkpoint.safetensors (with the recipe in its metadata), and tables and curves of loss,
-    validation and rollouts. The same command resumes an interrupted training and reaches the same weights. Several
-    devices train together under torchrun.
+    The folder OUT contains checkpoint.safetensors (with the recipe in its metadata), and tables and curves of the loss,
+    validation errors and rollouts. The same command resumes an interrupted training and reaches the same weights. Start
+    the command with torchrun to train on several devices.
 
     Example: better train recipe.yaml --out learners/coffee
 
@@ -171,6 +171,6 @@ def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
     from betterbench.sim.robots import robot_space
 
     chosen = " ".join(map(shell_word, tasks))
-    usual = robot_space(USUAL_OPTION.of(tasks)) == EE_DELTA.name  # in which all learners answer
+    usual = robot_space(USUAL_OPTION.of(tasks)) == EE_DELTA.name  # the action space of all learners
     space = "" if usual else f" --action-space {EE_DELTA.name}"
     return f"better eval --policy {shell_word(learned_address(out))}{options} --tasks {chosen}{space} --trials 3"

@@ -1,4 +1,4 @@
-"""``better view``: a recorded trial with film, masks, boxes, contacts and subgoals on one timeline."""
+"""``better view``: show a recorded trial with video, masks, boxes, contacts and subgoals on one timeline."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def view_command(
     quality: str | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Show a recorded trial on one timeline: film, masks, boxes, contacts and subgoals.
+    """Show a recorded trial on one timeline: video, masks, boxes, contacts and subgoals.
 
     A file name ending in .html gives a page for any browser; one ending in .rrd gives a file for the Rerun viewer
     (extra view), which also shows depth and 3-D boxes.
@@ -38,8 +38,8 @@ def view_command(
     Args:
         record: Record file, in its run's folder.
         out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
-        camera: View to draw, in the syntax of better materialize; may be given several times. The views of the run's
-            policy if none is given.
+        camera: View to render, in the syntax of better materialize; may be given several times. Default: the views of
+            the run's policy.
         quality: Render preset; default: the preset used for the policy.
         overwrite: Replace a file that better view did not write.
     """
@@ -57,7 +57,7 @@ def view_command(
     path = out or Path(f"{meta.task}_{meta.condition}_{meta.seed}.html")
     if path.suffix not in (".rrd", ".html"):
         raise InvalidInputError(
-            "--out", f"{path} ends with {path.suffix!r}", "Name a file that ends with .rrd or .html"
+            "--out", f"{path} ends with {path.suffix!r}", "Choose a file name that ends with .rrd or .html"
         )
     views = Wanted(named or default_views(run), quality=quality).views
     whole = run.read_record(meta.task, meta.condition, meta.seed)

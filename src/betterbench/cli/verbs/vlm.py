@@ -26,8 +26,8 @@ FETCH = "fetch"
 PROBE = "probe"
 """First word of a command that identifies the coordinate convention of a model."""
 SIDE_PX = 896
-"""Side length of images in newly made sets [pixel]: two by two tiles of InternVL. All values of ``--eyes`` except
-native reduce it; images of 256 pixels would look nearly the same with every value."""
+"""Side length of images in newly made sets [pixel], which is 2 x 2 InternVL tiles. All values of ``--eyes`` except
+native downscale such an image; an image of 256 pixels would hardly change."""
 
 
 def vlm_command(
@@ -69,22 +69,23 @@ def vlm_command(
     Args:
         benchmark: Benchmark, "fetch", or "probe" (only identifies the coordinate convention of a model).
         fetched: After fetch, the benchmark whose data is downloaded into the folder --data.
-        model: OpenAI-compatible chat endpoint and its model, such as http://localhost:8000/v1#my-model; hf:FOLDER
+        model: OpenAI-compatible chat endpoint and model name, such as http://localhost:8000/v1#my-model; hf:FOLDER
             with an InternVL checkpoint (extra vlm); or learned:CHECKPOINT, a co-trained learner.
         data: Folder of the data in any published format; for better-vqa, a set made by better vqa (default: a new set).
-        records: For a learner: the run that the questions are about; the learner gets the recorded state of each frame.
+        records: For a learner: the run from which the questions were made; the learner gets the recorded state of each
+            frame.
         acted: Run of a policy whose illusion gap is shown next to the static illusion gap of better-vqa.
         out: Folder of the run.
         prompt: Identifier of the prompt; default: our own.
-        coordinates: Order, scale and form of the model's points and boxes (pixels, thousandths, fractions,
-            thousandths-json, thousandths-yx-json or percent-xml), which our own prompts state (fractions for
-            refspatial, pixels for better-vqa if not given). It is never guessed.
+        coordinates: Order, scale and format of the model's points and boxes: pixels, thousandths, fractions,
+            thousandths-json, thousandths-yx-json or percent-xml. Our prompts state it. Default: fractions for
+            refspatial, pixels for better-vqa.
         eyes: Resolution of the images: unchanged, one tile of 448 pixels, 224 pixels upsampled to 448, or 224 pixels.
         max_tiles: Maximum number of InternVL tiles per image, default 12; sent to an endpoint as vLLM's
             mm_processor_kwargs. Only for native eyes.
         probe: Check the declared coordinates with ten images of known points before the first question.
         extractor: Chat endpoint of a language model that extracts the answer from texts that cannot be parsed.
-        scoring: "official" adds the numbers of upstream scorers, with their faults.
+        scoring: "official" also prints the results of the published scorers, including their known errors.
         questions: Approximate number of questions in a newly made set.
         at_once: Number of simultaneous requests.
         max_tokens: Maximum answer length in tokens.
@@ -102,7 +103,9 @@ def vlm_command(
         _fetch(fetched, data, json=json)
         return
     if fetched is not None:
-        raise InvalidInputError("better vlm", f"got a second word, {fetched!r}", "Give one benchmark, or fetch and one")
+        raise InvalidInputError(
+            "better vlm", f"unexpected argument {fetched!r}", "Give one benchmark, or fetch BENCHMARK"
+        )
     chosen = None if benchmark == PROBE else find_benchmark(benchmark)
     if model is None:
         raise InvalidInputError("--model", "is missing", "Write URL#MODEL: http://localhost:8000/v1#my-model")
@@ -116,7 +119,7 @@ def vlm_command(
 
     resolution, declared = Eyes(eyes), None if coordinates is None else convention(coordinates).name
     if max_tiles is not None and resolution is not Eyes.NATIVE:
-        raise InvalidInputError("--max-tiles", f"the eyes {eyes} show one tile", "Leave it out, or give --eyes native")
+        raise InvalidInputError("--max-tiles", f"--eyes {eyes} uses one tile", "Leave it out, or give --eyes native")
     kind = kind_of(model, (HUGGING_FACE, LEARNER_MODEL, ENDPOINT))
     options = ModelOptions(
         address=model,
@@ -138,7 +141,7 @@ def vlm_command(
         _probe(kind.make(options, None), out, coordinates=declared, eyes=resolution, at_once=at_once, json=json)
         return
     if out is None:
-        raise InvalidInputError("--out", "is missing", "Name the folder of the run")
+        raise InvalidInputError("--out", "is missing", "Give the run folder")
 
     from betterbench.cli.output.vlm import acted_form, print_run
     from betterbench.vlm.prompts import find_prompt
@@ -226,7 +229,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
     """Return the items in a folder, or in a newly made set if no folder is given."""
     if data is None:
         if chosen.source.repository:
-            cure = f"Give the folder with its data; better vlm fetch {chosen.name} says what to put there"
+            cure = f"Give the folder with its data; better vlm fetch {chosen.name} explains what it must contain"
             raise InvalidInputError("--data", "is missing", cure)
         data = _made(questions, workers)
     elif not chosen.source.repository:
@@ -235,7 +238,7 @@ def _items(chosen: Benchmark, data: Path | None, questions: int, workers: int) -
 
 
 def _made(questions: int, workers: int) -> Path:
-    """Make or resume a question set about one expert trial per condition of the suite, and return it."""
+    """Make or resume a question set about one expert trial per condition of the suite, and return its folder."""
     import platformdirs
 
     from betterbench.cli.verbs.evaluate import run_with_bar
@@ -248,7 +251,7 @@ def _made(questions: int, workers: int) -> Path:
     name = f"{__version__}-{SET_SCHEMA_VERSION}-{SIDE_PX}-{questions}"
     place = platformdirs.user_cache_path("betterbench") / "vlm" / name
     folder = place / "set"
-    say(f"set: {folder}, made from one trial of the expert on each condition of the suite")
+    say(f"question set: {folder}, made from one expert trial per condition of the suite")
     if not (folder / "summary.json").exists():
         plan = make_plan("expert", trials=1, observation="state_only", quality="fast")
         run_with_bar(plan, place / "records", label="the expert", workers=workers)
@@ -261,7 +264,9 @@ def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
     from betterbench.vlm import find_benchmark
 
     if name is None:
-        raise InvalidInputError("better vlm fetch", "names no benchmark", "Write better vlm fetch BENCHMARK --data DIR")
+        raise InvalidInputError(
+            "better vlm fetch", "no benchmark is given", "Run better vlm fetch BENCHMARK --data DIR"
+        )
     chosen = find_benchmark(name)
     from betterbench.cli.output.vlm import print_source
     from betterbench.vlm.fetching import fetch_data
@@ -270,7 +275,7 @@ def _fetch(name: str | None, folder: Path | None, *, json: bool) -> None:
         raise InvalidInputError("better vlm fetch", f"{chosen.name} needs no data", f"Run better vlm {chosen.name}")
     if folder is None:
         print_source(chosen)
-        raise InvalidInputError("--data", "is missing", "Name the folder for the data")
+        raise InvalidInputError("--data", "is missing", "Give the folder for the data")
     with progress_bar(f"data of {chosen.name}", 0) as (bar, task):
         fetched = fetch_data(
             chosen, folder, on_progress=lambda done, total: bar.update(task, completed=done, total=total or None)

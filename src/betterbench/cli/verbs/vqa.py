@@ -1,4 +1,4 @@
-"""``better vqa``: questions about recorded frames, and scores of a model and of image-free baselines."""
+"""``better vqa``: make questions about recorded frames, and score a model and image-free baselines on them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ QuestionTypes = Literal["grounding", "counting", "relation", "containment", "sta
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """Frames, cameras and types of a set's questions.
+    """Frames, cameras and types of the questions in a set.
 
     Attributes:
         questions: Approximate number of questions; 0 for as many as can be balanced.
@@ -72,15 +72,15 @@ class ModelOptions:
     Attributes:
         ask: Base URL of an OpenAI-compatible chat endpoint that answers the complete set, such as
             http://localhost:8000/v1.
-        describe: Base URL of an endpoint that writes descriptions and questions about the set's images. Statements not
-            proven by the state are dropped.
+        describe: Base URL of an endpoint that writes descriptions of and questions about the set's images. Statements
+            that the recorded state does not confirm are dropped.
         images: Number of images to describe.
         model: Model name at that URL.
         coordinates: Meaning of the numbers in the model's boxes and points.
         at_once: Number of simultaneous requests.
         answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), otherwise read and scored.
-        learner: With --run, the co-trained learner that made the run (learned:CHECKPOINT). It is asked for the position
-            of the object named in the instruction.
+        learner: With --run: the co-trained learner that was evaluated in this run (learned:CHECKPOINT). It is asked for
+            the position of the object named in the instruction.
         key_variable: Environment variable with the key of the endpoint.
     """
 
@@ -163,16 +163,16 @@ def _made(
     from betterbench.vqa.dataset import read_set
 
     if source is not None and run is not None:
-        raise InvalidInputError("better vqa", "got two folders", "Give a run or a set, or --run RUN")
+        raise InvalidInputError("better vqa", "expected one folder, got two", "Give a run or a set, or --run RUN")
     folder = run if source is None else source
     if folder is None:
-        raise InvalidInputError("better vqa", "got no folder", "Give a run or a set, or --run RUN")
+        raise InvalidInputError("better vqa", "no folder is given", "Give a run or a set, or --run RUN")
     if not folder.is_dir():
-        raise InvalidInputError("better vqa", f"{folder} is not a folder", "Name the folder of a run or of a set")
+        raise InvalidInputError("better vqa", f"{folder} is not a folder", "Give the folder of a run or of a set")
     if run is None and (folder / "set.json").exists():
         return read_set(folder), None
     if out is None:
-        raise InvalidInputError("--out", "is missing", "Name the folder of the set")
+        raise InvalidInputError("--out", "is missing", "Give the folder for the set")
     require_cameras(asked.cameras)
     return (balanced_set(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
 
@@ -213,7 +213,7 @@ def _ask_learner(
     from betterbench.records import RunFolder
 
     if run is None or source is not None:
-        raise InvalidInputError("--learner", "needs the run of this learner", "Give --run RUN and no other folder")
+        raise InvalidInputError("--learner", "the run of this learner is missing", "Give --run RUN and no other folder")
     if out is not None:
         raise InvalidInputError(
             "--out", "the learner's answers are printed, and no set is written", "Leave out --out, or give --json"
@@ -284,14 +284,14 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
 def _described(
     run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
 ) -> dict[str, object]:
-    """Let a model describe images of a set, and keep the statements proven by the recorded state."""
+    """Let a model describe images of a set, and keep the statements that the recorded state confirms."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.records import RunFolder
     from betterbench.vqa.freeform import describe_images
     from betterbench.vqa.llm import ChatEndpoint
 
     if run is None or model.describe is None:
-        raise InvalidInputError("--describe", "needs the records of the run", "Give better vqa RUN --out SET too")
+        raise InvalidInputError("--describe", "the records of the run are missing", "Give better vqa RUN --out SET too")
     folder = RunFolder.open(run)
     chat = ChatEndpoint(model.describe, model.model, key_variable=model.key_variable)
     photos = ViewRenderer(folder, size=asked.size, quality=asked.quality)

@@ -1,4 +1,4 @@
-"""``better worlds``: list and installation of worlds with a separate simulator."""
+"""``better worlds``: list the worlds with a separate simulator, or install one."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def worlds_command(
     apart = {world.name: world.installation for world in all_worlds() if world.installation is not None}
     if what == "install":
         if name is None:
-            raise InvalidInputError("worlds install", "no world is named", f"Name one of {', '.join(apart)}")
+            raise InvalidInputError("worlds install", "no world is given", f"Choose one of {', '.join(apart)}")
         if name not in apart:
             raise UnknownNameError("world", name, apart)
         world = apart[name]
@@ -44,7 +44,7 @@ def worlds_command(
             OUT.print(str(folder), markup=False, soft_wrap=True)
         return
     if name is not None:
-        raise InvalidInputError("worlds list", f"{name!r} is not expected here", "Leave it out")
+        raise InvalidInputError("worlds list", f"unexpected argument {name!r}", "Leave it out")
     rows = [
         [world.name, "installed" if world.is_installed else "not installed", world.summary] for world in apart.values()
     ]

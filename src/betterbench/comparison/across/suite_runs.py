@@ -92,18 +92,20 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
             raise InvalidInputError(
                 "runs",
                 f"{other.path} and {read.path} are both runs of {name} in {read.suite}",
-                "Name one of them, or give each its own --name",
+                "Give one of them, or a different --name for each",
             )
     return tuple(found.values())
 
 
 def _suite_of(run: RunFolder) -> str:
-    """Return the suite of a run; raise RecordError if its plan names no known suite."""
+    """Return the suite of a run; raise RecordError unless its tasks belong to one known suite."""
     facts = run.world
     if facts.name == OUR_WORLD.name:
         others = {found for trial in run.plan["trials"] if (found := suite_of(str(trial["task"]))) not in (None, OURS)}
         if others:
-            problem = f"{run.path} is a run of the suite {min(map(str, others))}, which no other world has"
+            problem = (
+                f"{run.path} is a run of the suite {min(map(str, others))}, which cannot be compared across worlds"
+            )
             raise InvalidInputError("runs", problem, "Leave it out; better report shows it")
         return OURS
     if len(facts.suites) == 1:
@@ -115,7 +117,9 @@ def _suite_of(run: RunFolder) -> str:
         suites = {suite.name for suite in facts.suites.values() if (suite.base, suite.change) in planned}
     if len(suites) != 1 or not suites <= facts.suites.keys():
         listed = ", ".join(sorted(suites))[:80] or "none"
-        raise RecordError(f"{run.path / 'run.json'}: plan.world.tasks names the suites {listed}. Restore the file.")
+        raise RecordError(
+            f"{run.path / 'run.json'}: plan.world.tasks must belong to one known suite, got {listed}. Restore the file."
+        )
     return suites.pop()
 
 

@@ -35,7 +35,7 @@ CALVIN = "calvin"
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """One policy.
+    """Row of one policy.
 
     Attributes:
         policy: Its name.

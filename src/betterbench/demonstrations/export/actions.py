@@ -30,10 +30,9 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     In the action space of the record, these are exactly the intended actions: the applied ones, without the noise that
     a demonstrator added. In another action space they are computed from the commands to the controller, which every
     record
-    contains: the joint references at the end of each control step, or the corresponding pose. A delta is measured from
-        the sum of all earlier deltas, so each one compensates for clipping of the previous one. Noise is removed from
-        poses.
-    It stays in joint references, because the controller's response to another pose is not recorded.
+    contains: the joint references at the end of each control step, or the corresponding pose. A delta is computed
+    from the sum of all earlier deltas, so it compensates for clipping of earlier deltas. Noise is removed from poses,
+    but not from joint references, because the controller's response to another pose is not recorded.
 
     Raises:
         InvalidInputError: If the record lacks a reference of one of the joints, or the action space is unknown.
@@ -45,7 +44,7 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     positions, quaternions = _goals(record, meant)
     joints = space.dim - 1
     if space.name in JOINT_SPACES and record.act.shape[1] != joints:
-        problem = f"it has {record.act.shape[1]} joint references, and {joints} are needed for {space.name}"
+        problem = f"{space.name} needs {joints} joint references, but the record has {record.act.shape[1]}"
         raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
     if space.name in ROBOT_ACTION_SPACES:
         motion, gripper = record.act[1:] / space.scale[:-1], _openings(record, space)
@@ -89,12 +88,14 @@ def _meant(record: Record) -> np.ndarray:
 def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the intended poses: positions (n_steps, 3) [m] and quaternions (n_steps, 4).
 
-    Raises InvalidInputError about a record with noise whose actions are not steps from the commanded pose.
+    Raises InvalidInputError if the record has noise and its actions are not deltas of the commanded pose.
     """
     if not _noise(record):
         return record.commanded_position[1:], record.commanded_quaternion[1:]
     if record.metadata.action_space != EE_DELTA.name:
-        problem = f"it has noise on actions of {record.metadata.action_space}"
+        problem = (
+            f"its {record.metadata.action_space} actions contain noise, which can only be removed from pose deltas"
+        )
         raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
     positions = record.commanded_position[:-1] + TRANSLATION_PER_UNIT_M * meant[:, :3]
     turns = (ROTATION_PER_UNIT_RAD * meant[:, 3:6]).tolist()

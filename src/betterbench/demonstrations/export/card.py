@@ -23,7 +23,7 @@ _FRONT = (
 )
 
 STILL = 1e-3
-"""A component is nearly constant if its quantiles 0.01 and 0.99 are closer than this."""
+"""Difference between the quantiles 0.01 and 0.99 below which a component counts as nearly constant."""
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
@@ -94,5 +94,5 @@ def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
     said = "Normalization by range, quantiles or standard deviation amplifies nearly constant components"
     return [
         "",
-        f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Limit this amplification.",
+        f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Limit it in your trainer.",
     ]

@@ -33,7 +33,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """Result of a check of the list in ``docs/export.md`` and of three images per episode and camera.
+    """Result of a check of all files and of three images per episode and camera (see ``docs/export.md``).
 
     Attributes:
         worst_error: Largest mean image error, in levels of 255; 0 for lossless images.
@@ -62,7 +62,7 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
     form: ImageForm = "png" if path.is_file() else source["images"]
     expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
     found = [_trial(runs, about) for about in episodes]
-    told = any("pairs" in about for about in episodes)  # the run may have gained twins since the export
+    told = any("pairs" in about for about in episodes)  # an older export may not contain the pairs of twins
     pairs = pairs_of(runs, found) if told else {}
     pictures, worst = 0, 0.0
     with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:
@@ -128,7 +128,7 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return the description of where an episode came from."""
+    """Return the expected description of an episode's origin."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
@@ -136,8 +136,8 @@ def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
 def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
     """Compare the stored origin with records and layout.
 
-    Omitted trials, package version, evaluation command, options digest and file sizes cannot be derived from these. The
-    file digests are compared later.
+    The omitted trials, package version, evaluation command, options digest and file sizes are not checked, because they
+    cannot be derived from the records. The file digests are checked later.
     """
     wanted = origin_of(
         expected.dataset.episodes,
@@ -192,7 +192,7 @@ def _source(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
         problem = f"is not a data set of better export ({said})"
-        raise InvalidInputError(str(path), problem, "Name its folder or file") from error
+        raise InvalidInputError(str(path), problem, "Give the folder or file written by better export") from error
     form: dict[str, Any] = source
     return form
 
@@ -206,7 +206,7 @@ def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, Tr
             return number, trial
     raise RecordError(
         f"{trial}: none of the given runs has the record of this episode (SHA-256 {about['record'][:12]}...). "
-        "Name all runs that were exported."
+        "Give all exported runs."
     )
 
 

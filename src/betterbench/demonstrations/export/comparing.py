@@ -70,7 +70,7 @@ _BROKEN = (
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Return a value in which close numbers are replaced by the expected ones, and types that JSON lacks by texts."""
+    """Return a value in which nearly equal numbers are replaced by the expected ones, and non-JSON types by strings."""
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}
         return {str(name): _settled(value, known.get(name)) for name, value in there.items()}

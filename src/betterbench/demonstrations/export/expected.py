@@ -40,7 +40,7 @@ class ExpectedDataset:
         """
         rate, before = round(record.metadata.control_rate_hz), self.dataset.episodes
         if before and rate != self.dataset.rate_hz:
-            problem = f"its record has {rate} Hz, earlier ones have {self.dataset.rate_hz}"
+            problem = f"its record has a control rate of {rate} Hz, but earlier records have {self.dataset.rate_hz} Hz"
             raise InvalidInputError(f"{self.path}: episode {len(before)}", problem, CURE)
         told = about(record, numbers.subgoals) | ({} if pairs is None else {"pairs": list(pairs)})
         episodes = (*before, DatasetEpisode(self.path, told, digest))

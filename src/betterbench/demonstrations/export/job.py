@@ -116,7 +116,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: OnCount |
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
     if out.is_symlink() and not out.exists():
-        raise RunConflictError(f"{out}: is a broken symbolic link. Remove it, or choose another place.")
+        raise RunConflictError(f"{out}: is a broken symbolic link. Remove it, or choose another path.")
     if staging.is_symlink():
         raise RunConflictError(f"{staging}: is a symbolic link. Remove it.")
     with on_disk(out):
@@ -143,7 +143,7 @@ def _checked(plan: ExportPlan) -> ExportPlan:
         plan = replace(plan, form="png")
     if (plan.language or plan.questions) and plan.to != "lerobot":
         raise InvalidInputError(
-            "--language", f"{plan.to} has no such columns", "Export to lerobot, or drop this option"
+            "--language", f"{plan.to} does not support language columns", "Export to lerobot, or leave out this option"
         )
     if not 0.0 <= plan.validation < 1.0:
         raise InvalidInputError(
@@ -162,7 +162,9 @@ def _quality(plan: ExportPlan) -> str:
     forms = [run.plan.get("quality", "standard") for run in plan.runs]
     names = sorted({str(form.get("name") if isinstance(form, dict) else form) for form in forms})
     if len(names) > 1:
-        raise InvalidInputError("--quality", f"the runs were rendered as {', '.join(names)}", "Name the one to export")
+        raise InvalidInputError(
+            "--quality", f"the runs were rendered as {', '.join(names)}", "Give one of them to export"
+        )
     return quality_preset(names[0]).name
 
 
@@ -229,20 +231,20 @@ def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Expor
     if told is None or there != identity:
         if there:
             raise RunConflictError(
-                f"{out}: another data set already exists here. Give --overwrite to replace it, or another name."
+                f"{out}: another data set already exists here. Give --overwrite to replace it, or choose another name."
             )
         if out.is_dir():
             raise RunConflictError(
                 f"{out}: a folder that better export did not write already exists here. "
-                "It is never replaced: give another name."
+                "It is never replaced: choose another name."
             )
         require_replaceable(out, "export", is_ours=lambda _: False)
-        raise RunConflictError(f"{out}: an empty file already exists here. Remove it, or give another name.")
+        raise RunConflictError(f"{out}: an empty file already exists here. Remove it, or choose another name.")
     again = "Move the data set away and run the command again"
     if plan.to == "robomimic":
         require_same_content(out, cure=again)
     elif not digests:
-        logger.warning("%s: an earlier version wrote it without digests, so a change would not be detected", out)
+        logger.warning("%s: it was written by an earlier version without digests, so changes cannot be detected", out)
     lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
         raise RunConflictError(f"{out / lost}: is missing or has changed since it was written. {again}.")
@@ -292,7 +294,7 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
         write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
 
     def work(missing: Iterable[Path]) -> Iterator[None]:
-        # neighbors share a scene, which takes longer to open than an image to render
+        # consecutive trials share a scene, and opening a scene takes longer than rendering an image
         order = sorted(missing, key=lambda f: (wanted[f].scene_hash, wanted[f].trial, wanted[f].run))
         cameras = plan.layout.cameras
         return in_threads(order, make, workers=workers, open_resource=lambda: Pictures(cameras, quality))
@@ -313,7 +315,9 @@ def _check_rate(record: Record) -> None:
         raise InvalidInputError("control rate", f"{rate:g} Hz is not an integer", "Record at 20 Hz")
     if record.n_steps < 2:
         m = record.metadata
-        raise RecordError(f"{m.task}/{m.condition}/{m.seed}: has {record.n_steps} steps, too few for an episode.")
+        raise RecordError(
+            f"{m.task}/{m.condition}/{m.seed}: has {record.n_steps} steps, which is too few for an episode."
+        )
 
 
 def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality: str) -> None:
@@ -404,9 +408,9 @@ def origin_of(
 
 
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
-    """Return whether an export may use the first ``train`` trials for training.
+    """Return whether some validation share makes the first ``train`` trials the training trials.
 
-    It may if some validation share (which is not stored) gives this split. Whole seeds are held out and come last.
+    The share itself is not stored. Complete seeds are held out, and their trials come last.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)

@@ -1,6 +1,6 @@
 """Columns of a data set: a policy's inputs and outputs in a preset, under the names expected by its trainer.
 
-The adapter makes every column, so a policy is trained on exactly the data that ``better eval`` sends.
+The policy's adapter computes every column, so a policy is trained on exactly the inputs that ``better eval`` sends.
 """
 
 from __future__ import annotations
@@ -152,7 +152,9 @@ def robot_of_runs(runs: Sequence[RunFolder]) -> str:
     """Return the robot of some runs by name; raise InvalidInputError if they differ."""
     names = sorted({str(run.plan.get("robot", USUAL_ROBOT)) for run in runs})
     if len(names) > 1:
-        raise InvalidInputError("runs", f"they have the robots {', '.join(names)}", "Export each robot's runs apart")
+        raise InvalidInputError(
+            "runs", f"they have different robots: {', '.join(names)}", "Export the runs of each robot separately"
+        )
     return names[0]
 
 
@@ -164,7 +166,7 @@ def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
             return spec
     problem = f"{name or 'no observation preset'} does not render all of the cameras {', '.join(wanted) or 'at all'}"
     raise InvalidInputError(
-        "--observation", f"{problem} of the preset {adapter.name}", "Leave out --observation, or give another"
+        "--observation", f"{problem} of the preset {adapter.name}", "Leave out --observation, or give another preset"
     )
 
 

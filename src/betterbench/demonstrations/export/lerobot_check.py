@@ -41,7 +41,7 @@ class LeRobotCheck(ABC):
     """Check of all content except images, their statistics, and the questions in the language columns.
 
     Attributes:
-        listed_in: Folders in which trainers read every Parquet file.
+        listed_in: Folders of which trainers read every Parquet file.
     """
 
     listed_in: Sequence[str]
@@ -81,7 +81,9 @@ class LeRobotCheck(ABC):
         for kind in self.listed_in:
             for file in sorted((self.path / kind).rglob("*.parquet")):
                 if file not in known:
-                    raise InvalidInputError(str(file), "belongs to no episode, but trainers would read it", CURE)
+                    raise InvalidInputError(
+                        str(file), "trainers would read this file, but it belongs to no episode", CURE
+                    )
         splits = self.info.get("splits")
         train = str(splits.get("train")) if isinstance(splits, dict) else "absent"
         count = _RANGE.fullmatch(train)
@@ -207,7 +209,7 @@ class CheckOfV21(LeRobotCheck):
         require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
         file = self.path / lerobot_v21.EPISODES_STATS_FILE
         if number >= len(self._stats):
-            raise InvalidInputError(str(file), f"lists {len(self._stats)} episodes, but there are more", CURE)
+            raise InvalidInputError(str(file), f"lists only {len(self._stats)} of the episodes", CURE)
         stats = lerobot_v21.stats_line(number, self.expected.episode_stats(part))
         require_match(self._stats[number], stats, f"{file}: line {number + 1}")
 

@@ -159,8 +159,8 @@ class PartIndex:
     def __post_init__(self) -> None:
         """Raise InvalidInputError for a file name that contains a path, or an incomplete episode description."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
-            raise InvalidInputError("files", "are not the names of a part's files", "Make the part again")
-        read_form(_ABOUT, self.about, where="about", cure="Make the part again")
+            raise InvalidInputError("files", "expected the file names of a part", "Export the part again")
+        read_form(_ABOUT, self.about, where="about", cure="Export the part again")
 
 
 _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
@@ -168,7 +168,7 @@ _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 def read_index(folder: Path) -> PartIndex | None:
     """Return a part's index, or None if the part is incomplete or damaged."""
-    file, cure = folder / _INDEX, "Make the part again"
+    file, cure = folder / _INDEX, "Export the part again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
         index = read_form(_PART, open_seal(raw, where=str(file), cure=cure), where=str(file), cure=cure)

@@ -48,7 +48,7 @@ def questions_of(
             found.setdefault(record, []).append(said)
     if not found:
         cure = "Give a set made by better vqa from the same run, with its cameras and sizes"
-        raise InvalidInputError("--vqa", f"{asked.path} asks about no frame of these episodes", cure)
+        raise InvalidInputError("--vqa", f"{asked.path} contains no questions about frames of these episodes", cure)
     return {record: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for record, asked in found.items()}
 
 

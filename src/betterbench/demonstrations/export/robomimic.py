@@ -68,14 +68,14 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
 
 
 def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
-    """Raise an error if a file has changed since it was written, and report a file without a digest."""
+    """Raise an error if a file has changed since it was written; log a warning if it has no digest."""
     try:
         with open_stored(path) as file:
             told = file.attrs.get(_DIGEST)
             same = told is None or (isinstance(told, str) and told == _content_digest(file))
     except _StrangeError as error:
         raise raises(f"{path}: {error}. {cure}.") from error
-    except Exception as error:  # native code raises various errors about a damaged file
+    except Exception as error:  # h5py raises various exceptions for a damaged file
         raise raises(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
     if not same:
         raise raises(f"{path}: has changed since it was written. {cure}.")
@@ -103,13 +103,13 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # betterbench never writes such objects
+    if of_file := attributes(file):  # betterbench does not write attributes of the file itself
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 
 
 class _StrangeError(ValueError):
-    """Content that betterbench never writes."""
+    """Raised for content that betterbench never writes."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
@@ -152,16 +152,16 @@ def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: AN
     """Return the reason why an object cannot come from betterbench, or an empty string if it can."""
     h5py = _h5py()
     if _address(item) in seen:
-        return "is a second name of another object"
+        return "is another name of an earlier object"
     if isinstance(item, h5py.Group):
         return ""
     if not isinstance(item, h5py.Dataset):
         return "is neither a group nor an array"
     if item.is_virtual or item.external:
-        return "is in another file"
+        return "is stored in another file"
     stored = item.id.get_storage_size()
     if item.nbytes > _MOST_PACKED * max(stored, _LEAST_STORED):
-        return f"claims {item.nbytes} bytes, of which only {stored} are stored"
+        return f"declares {item.nbytes} bytes, of which only {stored} are stored"
     return ""
 
 

@@ -40,7 +40,7 @@ def select_demonstrations(
 ) -> Selection:
     """Return the successful trials of some runs, sorted by task, condition, seed and run.
 
-    Test variations are left out by default: they cannot test a policy that was trained on them.
+    Test variations are omitted by default, because a policy trained on them must not be evaluated on them.
 
     Raises:
         RecordError: If a record is missing, is damaged, or differs from the record in the journal.
@@ -97,7 +97,7 @@ def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> No
         other = first.setdefault(one.digest, one)
         if other is not one:
             where = f"{runs[one.run].path}: record of {one.trial}"
-            raise InvalidInputError(where, f"the same one is in {runs[other.run].path}", "Give each run once")
+            raise InvalidInputError(where, f"the same record is also in {runs[other.run].path}", "Give each run once")
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:

@@ -61,7 +61,7 @@ class VideoWriter:
     def finish(self) -> bytes:
         """Return the file; raise InvalidInputError if there was no image."""
         if self._stream is None:
-            raise InvalidInputError("video", "it has no images", "Leave the episode out")
+            raise InvalidInputError("video", "it has no images", "Leave out the episode")
         self._container.mux(self._stream.encode(None))
         self._container.close()
         return self._buffer.getvalue()

@@ -1,4 +1,4 @@
-"""Expert demonstrations in varied motion styles, amplified to new starts and stored in ordinary run folders.
+"""Expert demonstrations in varied motion styles, and demonstrations generated from them for new initial states.
 
 From the bottom up: :mod:`~betterbench.demonstrations.making.starts` (choice of seeds),
 :mod:`~betterbench.demonstrations.making.manner` (motion styles of the expert),

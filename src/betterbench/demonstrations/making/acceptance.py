@@ -1,4 +1,4 @@
-"""Acceptance: fraction of attempts that yield a demonstration, by task, source and region, with causes of failure."""
+"""Acceptance rates of attempts by task, source and region, with the causes of failure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.records import RunFolder
 from betterbench.tasks import Task, TrialId
 
 FOLDER = "acceptance"
-"""Folder within a run for the report and its films."""
+"""Folder within a run for the report and its videos."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """Coverage of a training condition's starts by its accepted demonstrations."""
+    """Coverage of a training condition's initial states by its accepted demonstrations."""
 
     condition: str
     demonstrations: int
@@ -60,9 +60,9 @@ class TaskAcceptance:
 
     Attributes:
         attempts: All attempts.
-        starts: Number of starts, and number of starts with a demonstration.
+        starts: Number of initial states, and number of initial states with a demonstration.
         steps: Control steps of the accepted demonstrations.
-        sources: Attempts by the leading source.
+        sources: Attempts by the primary source.
         regions: Attempts by cell of a slot's jitter region, "slot first 0" to "slot first 8".
         failures: Failed attempts by kind.
         examples: The first failed attempt of each kind: trial, attempt number, reason.
@@ -90,7 +90,7 @@ class Acceptance:
         demonstrations: Number of demonstrations.
         tasks: Outcome counts by task.
         variety: Differences between the demonstrations, by task; None if no condition has two.
-        sources: The same for the sources of an amplified set; None also if their folder is missing.
+        sources: Differences between the source demonstrations of an amplified set; None if their folder is missing.
     """
 
     policy: str
@@ -194,7 +194,7 @@ def write_acceptance(
         found: Outcome counts of its attempts.
         films: File of each film, relative to the page, by task and kind of failure; or the reason why the film is
             missing.
-        pictures: File of each path picture, likewise, by task.
+        pictures: File of each path picture, relative to the page, by task; or the reason why it is missing.
     """
     folder = run.inside(FOLDER)
     text = json_text(found.to_json(), indent=1) + "\n"
@@ -232,7 +232,7 @@ def _picture_lines(t: TaskAcceptance, pictures: Mapping[str, str]) -> list[str]:
     file = pictures.get(t.task, "none: not requested")
     if not file.endswith(".jpg"):
         return [f"No picture of the paths ({markdown_text(file.removeprefix('none: '))})", ""]
-    said = "Paths of the tool, one color per leading source; a ring marks where the gripper begins to close."
+    said = "Paths of the tool, one color per primary source; a ring marks where the gripper begins to close."
     return [f"![Paths of {markdown_text(t.task)}]({markdown_address(file)})", "", said, ""]
 
 

@@ -27,13 +27,13 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""How to choose a source: any, the one with the most similar object pose, or the one whose motion begins nearest to the
-arm."""
+"""How to choose a source demonstration: at random, by the most similar object pose, or by the motion that begins
+nearest to the arm."""
 
 NEAREST, NEAREST_SHARE = 3, 0.5
 """Maximum number and share of nearest neighbors among which a source is drawn with equal probability."""
 OTHER_INSTANCE_M = 0.05
-"""Distance added if two objects are different instances of one category [m]."""
+"""Penalty added to the distance between two objects if they are different instances of one category [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the pose of the gripper change at which a skill may begin, tried in this order [m]; the motion before
 is transit."""
@@ -52,11 +52,11 @@ LEAVE_M = 0.10
 NOISE_BLOCK = 256
 """Number of control steps for which noise is drawn at once."""
 MOST_DEVIATIONS = 5.0
-"""Largest noise in standard deviations; a replay accepts up to 6."""
+"""Largest noise [standard deviations]; the check of a replay accepts up to 6."""
 TEMPO = 1.4
-"""Maximum ratio between the speeds of a skill and its source, since a demonstration has one tempo throughout."""
+"""Maximum factor by which a skill's speed is changed to give the demonstration one tempo throughout."""
 TEMPO_DRAWN = 0.1
-"""Largest relative difference between the tempo of a demonstration and the tempo of its leading source."""
+"""Largest relative difference between the tempo of a demonstration and the tempo of its primary source."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
 """Maximum displacement of a transit's midpoint from that of its source: sideways, down and up [m]."""
 LAST_STEPS = 60
@@ -64,7 +64,7 @@ LAST_STEPS = 60
 PRESS_M = 0.004
 """Distance by which a drawer is pushed beyond its stop [m], as by the expert."""
 FULL_M = 0.003
-"""Distance from its stop below which a drawer counts as fully open [m]."""
+"""Maximum distance from its stop at which a drawer counts as fully open [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class Amplifier:
         Args:
             scene: The scene.
             library: Sources of the task.
-            lead: Source that determines the order of skills.
+            lead: Primary source demonstration, which determines the order of skills.
             settings: Settings of the transfer.
             draw: Random stream of the attempt.
         """
@@ -202,7 +202,7 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode. If the leading source does nothing, no action moves the arm."""
+        """Yield the actions of an episode. If the primary source has no skills, the arm does not move."""
         self._quiet = not self._lead.skills
         while not self._lead.skills:
             state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
@@ -218,16 +218,16 @@ class Amplifier:
         raise AttemptFailedError("misplaced", self._what_is_open(state))
 
     def _what_is_open(self, state: WorldState) -> str:
-        """Describe the subgoals of the leading source that are not reached."""
+        """Describe the subgoals of the primary source that are not reached."""
         for s in self._lead.segments:
             if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
                 return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
-        return "every relation is true, but the goal is not met"
+        return "all relations hold, but the goal is not met"
 
     def _carry_out(
         self, state: WorldState, window: SkillWindow, source: str | None
     ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
-        """Execute one skill of the leading source, from the first source whose transfer is possible."""
+        """Execute one skill of the primary source, from the first source whose transfer is possible."""
         if window.kind == "place" and state.held != window.object:
             raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
@@ -255,7 +255,7 @@ class Amplifier:
                 raise AttemptFailedError("missed grasp", f"{window.object} is not in the gripper after the lift")
             return state, skill.source
         what = f"{window.kind} {window.object}" + (f" at {window.target}" if window.target else "")
-        why = "; ".join(dict.fromkeys(self._blocked)) or "there is none"
+        why = "; ".join(dict.fromkeys(self._blocked)) or "no source has this skill"
         raise AttemptFailedError("no free way", f"{what}: none of the sources can be transferred ({why})")
 
     def _drawn_turn(self) -> float:
@@ -263,7 +263,7 @@ class Amplifier:
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return the distance to move a drawer [m]: to close it, or to open it as far as the leading source did."""
+        """Return the distance to move a drawer [m]: to close it, or to open it as far as the primary source did."""
         opening = distance(state.pose(window.object).position, self._shut[window.object].position)
         lead = next(s for s in self._lead.skills if s.window == window)
         if lead.slid_m < 0.0:
@@ -321,7 +321,7 @@ class Amplifier:
 
         For an object that may be grasped from any side, the grasp is first rotated about the object's axis by
         ``turn_rad``; if all skills are blocked, other sides are tried. If a container is filled differently than in the
-        sources, an object may be released at another goal of the expert at which training releases objects.
+        source, the object may be released at another goal of the expert, if demonstrations release objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -348,7 +348,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Return whether training releases objects at a base position [m], if known."""
+        """Return whether demonstrations release objects at a base position [m]; True if this was not measured."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -364,13 +364,13 @@ class Amplifier:
             if begin in tried:
                 continue
             tried.add(begin)
-            blocked: str | None = "no free way there"
+            blocked: str | None = "no collision-free path"
             for way, joints in self._free_ways(state, skill, begin):
                 blocked = self._what_blocks(state, skill, begin, joints)
                 if blocked is None:
                     return way
                 if blocked != OUT_OF_REACH:
-                    break  # the skill itself is blocked, whatever the path to it
+                    break  # the skill itself is blocked, so no path to its beginning helps
             self._blocked.append(blocked or "")
         return None
 
@@ -398,10 +398,7 @@ class Amplifier:
             yield _WayIn(found[0], True, begin), found[1]
 
     def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
-        """Return the first obstacle in a skill before its gripper change, or of the opening gripper.
-
-        Returns None if there is none.
-        """
+        """Return the first obstacle that blocks a skill before its gripper change or the opening gripper, or None."""
         hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
         held, T_tcp_object = hand.held, hand.T_tcp_object
         blocked, joints = self._planner.check_way(

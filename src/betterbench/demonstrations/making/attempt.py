@@ -41,12 +41,12 @@ class AttemptNote:
     """Outcome of one attempt.
 
     Attributes:
-        number: Number of the attempt among those at the same start, from 0.
+        number: Index of the attempt at this initial state, from 0.
         failure: Failure kind, or "" if the attempt was accepted.
         reason: Reason of the failure, in one line.
         steps: Number of control steps that the attempt took.
         sources: Sources used by the attempt, one per skill.
-        lead: The leading source, which determined the order of skills, or "".
+        lead: Primary source demonstration, which determined the order of skills, or "".
     """
 
     number: int
@@ -74,7 +74,7 @@ class DemonstrationAttempt:
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
     """Run the expert in a motion style drawn from the scene's seed and the attempt number.
 
-    With ``twins``, independently of the condition.
+    With ``twins``, the style does not depend on the condition.
     """
     draw = stream(scene.task.id, scene.seed, f"twins:{number}") if twins else _stream(scene, "collect", number)
     manner = draw_manner(draw)
@@ -100,10 +100,10 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
 
 @settled_heap()
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
-    """Transfer source demonstrations to a scene; each attempt has a different leading source."""
+    """Transfer source demonstrations to a scene; each attempt has a different primary source."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
-    # one order per start; each attempt uses the next leading source
+    # one order per initial state; each attempt uses the next primary source
     order = _stream(scene, "leads", 0).permutation(len(leads))
     lead = leads[int(order[number % len(leads)])]
     agent = Amplifier(scene, library, lead, settings, draw)
@@ -146,8 +146,8 @@ def judge_attempt(
 ) -> DemonstrationAttempt:
     """Judge an attempt, and return it with the segments in its record.
 
-    It is accepted only if it meets all requirements of a set. The scene must be at the end of the episode, and
-    ``states`` must hold the state for each record row.
+    An accepted attempt meets all requirements of a demonstration set. The scene must be at the end of the episode, and
+    ``states`` must contain the state of each record row.
     """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
@@ -171,9 +171,9 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Continue after the end of an episode without recording, and return a failure if the goal becomes false.
+    """Continue the simulation after the end of an episode, and return a failure if the goal does not stay true.
 
-    Nothing is checked if the right behavior was to do nothing.
+    Returns None without a check if the right behavior is to do nothing.
     """
     if scene.condition.expected is not Expected.SUCCEED:
         return None
@@ -190,15 +190,15 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return the failure of an episode outside the certified training regime, or None."""
+    """Return the failure of an episode outside the certified training distribution, or None."""
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return the first deviation of an episode from the certified training regime of its task.
+    """Return the first deviation of an episode from the certified training distribution of its task.
 
-    The result is None without a deviation, or if the variation declares itself outside.
+    Returns None if there is no deviation, or if the variation is declared to be outside the training distribution.
     """
     variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:

@@ -1,4 +1,4 @@
-"""Films of failed attempts: the first attempt with each kind of failure, reproduced from its seed."""
+"""Videos of failed attempts: the first attempt with each kind of failure, simulated again from its seed."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from betterbench.records import RunFolder
 from betterbench.sim.scenes.limited import LimitedView
 
 SIZE = 256
-"""Side of the films [pixel]."""
+"""Side length of the videos [pixel]."""
 EVERY = 2
-"""Rows per frame: ten frames a second."""
+"""Record rows per frame, which gives ten frames per second."""
 
 
 def film_failures(
     run: RunFolder, found: Acceptance, *, on_progress: OnCount | None = None
 ) -> dict[tuple[str, str], str]:
-    """Render the first failed attempt of each kind and task, unless its film exists.
+    """Render the first failed attempt of each kind and task, unless its video exists.
 
-    Returns: The file of each film, relative to the report folder, by task and kind of failure; or the reason why it is
+    Returns: The file of each video, relative to the report folder, by task and kind of failure; or the reason why it is
         missing.
     """
     wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]

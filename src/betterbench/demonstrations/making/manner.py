@@ -1,4 +1,4 @@
-"""Motion styles of demonstrations, drawn by seed to imitate differences between people."""
+"""Motion styles of demonstrations, drawn from the seed to imitate differences between people."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class DemonstrationManner:
         approach_height_m: Height above the grasp at which the final approach begins [m].
         approach_offset_m: Horizontal distance from the grasp at which the final approach begins [m].
         approach_bearing_rad: Direction of that offset in the world frame [rad].
-        grasp_turn_rad: Maximum random preference for one of several equally good grasps, as a gripper rotation [rad].
+        grasp_turn_rad: Maximum random cost added to the gripper rotation when equally good grasps are ranked [rad].
         raise_m: Additional height of transits [m].
         detour_m: Largest sideways displacement of a transit's midpoint [m].
         pause_s: Mean duration of a pause [s].

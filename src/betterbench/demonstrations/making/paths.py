@@ -1,4 +1,4 @@
-"""Pictures of tool paths: all demonstrations of a task, drawn over an image of one start."""
+"""Pictures of tool paths: all demonstrations of a task, drawn over an image of one initial state."""
 
 from __future__ import annotations
 

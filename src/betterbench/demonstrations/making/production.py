@@ -1,9 +1,9 @@
-"""Production of a demonstration set: workers make attempts at the planned starts and fill the run folder of the set.
+"""Production of a demonstration set: workers attempt the planned initial states and write the run folder.
 
-``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start without an
-accepted attempt stays in the plan as an error, with the reason, and a replacement start is added to the plan. The
-attempts at a start depend only on its seed and the sources, so the records do not depend on the number of workers or on
-interruptions.
+``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. An initial state without
+an accepted attempt stays in the plan as an error, with the reason, and a replacement start is added to the plan. The
+attempts at an initial state depend only on its seed and the sources, so the records do not depend on the number of
+workers or on interruptions.
 """
 
 from __future__ import annotations
@@ -81,15 +81,15 @@ class Method:
 
     Attributes:
         policy: Demonstrator, as the policy name in records: the expert, or the amplifier.
-        first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts per start.
+        first_seed: First seed of the initial states.
+        attempts: Maximum attempts per initial state.
         sources: Run folder with the source demonstrations; "" for the expert.
         sources_hash: Hash of the source set; "" for the expert.
         source_tasks: Tasks covered by that hash; empty for the expert.
         settings: Settings of the transfer.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
-        regime: Regime whose conditions are demonstrated.
+        regime: Training distribution whose conditions are demonstrated.
         twins: Whether conditions with the same scene share their seeds and the expert's motion styles.
         robot: Name of the robot.
     """
@@ -108,13 +108,15 @@ class Method:
     robot: str = USUAL_ROBOT
 
     def task(self, name: str) -> Task:
-        """Return a task whose training conditions are the regime's conditions."""
+        """Return a task whose training conditions are the distribution's conditions."""
         return in_regime(get_task(name), self.regime)
 
     def starts(self, name: str, demos: int) -> tuple[Start, ...]:
-        """Return a task's planned starts: ``demos`` per training condition, divided among the regime's conditions.
+        """Return a task's planned initial states.
 
-        Raises InvalidInputError if a number is out of range, or the task has no such regime.
+        Their number is ``demos`` per training condition, divided among the conditions of the distribution.
+
+        Raises InvalidInputError if a number is out of range, or the task has no such training distribution.
         """
         task = self.task(name)
         require_between("--demos", demos, 1, MOST_STARTS)
@@ -122,7 +124,7 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return a replacement for an abandoned start; twins are not replaced."""
+        """Return a replacement for an abandoned initial state; twins are not replaced."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
@@ -158,7 +160,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 def method_of(run: RunFolder) -> Method:
     """Return the production method of a demonstration run; raise RecordError for other kinds of run."""
-    where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
+    where, cure = f"{run.path}: plan.demonstrations", "Give a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
     return Method(
@@ -179,7 +181,7 @@ def method_of(run: RunFolder) -> Method:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StartOutcome:
-    """Outcomes of the attempts at one start.
+    """Outcomes of the attempts at one initial state.
 
     Attributes:
         notes: One outcome per attempt, in order; only the last attempt can be accepted.
@@ -197,12 +199,12 @@ class StartOutcome:
 
     @property
     def accepted(self) -> bool:
-        """Whether this start has a demonstration."""
+        """Whether this initial state has a demonstration."""
         return bool(self.notes) and self.notes[-1].accepted
 
     @property
     def why_not(self) -> str:
-        """Reason why this start has no demonstration, in one line."""
+        """Reason why this initial state has no demonstration, in one line."""
         kinds = dict.fromkeys(note.failure for note in self.notes)
         return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
 
@@ -231,7 +233,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 class AttemptJournal(VersionedJournal):
     """Journal of a run's attempts.
 
-    The last line about a start is valid. Raises the same errors as :class:`VersionedJournal`.
+    The last line about an initial state is valid. Raises the same errors as :class:`VersionedJournal`.
     """
 
     form = "betterbench attempts journal"
@@ -241,7 +243,7 @@ class AttemptJournal(VersionedJournal):
         super().__init__(path, versions, renews=True)
 
     def append(self, outcome: StartOutcome) -> None:
-        """Append the outcome of a start and force it to disk."""
+        """Append the outcome of an initial state and force it to disk."""
         self._append_form(asdict(outcome))
         self.found[outcome.trial] = outcome
 
@@ -283,19 +285,20 @@ def collect(
     Args:
         tasks: Names of the tasks.
         out: Run folder.
-        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
-        first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts per start, each in a different motion style.
-        regime: Regime whose conditions are demonstrated.
-        twins: Whether conditions with the same scene get the same seeds and motion styles, so that the cause is the
-            only difference.
-        robot: Name of the robot; by default the one that the first task is laid out for.
+        demos: Demonstrations per training condition; the other distributions divide the same total among their
+            conditions.
+        first_seed: First seed of the initial states.
+        attempts: Maximum attempts per initial state, each in a different motion style.
+        regime: Training distribution whose conditions are demonstrated.
+        twins: Whether conditions with the same scene get the same seeds and motion styles, so that they differ only in
+            the instruction.
+        robot: Name of the robot; default: the robot for which the first task is laid out.
         workers: Worker processes.
-        on_progress: Called at the start and after every start.
+        on_progress: Called at the start and after every initial state.
 
     Raises:
-        InvalidInputError: If a number is out of range, a task's training support was never measured, or a task lacks
-            the regime.
+        InvalidInputError: If a number is out of range, a task's training support was not measured, or a task does not
+            define the training distribution.
         UnknownNameError: If the task does not exist.
         RunConflictError: If the folder contains another run, or another process writes to it.
         StorageError: If the disk is full.
@@ -318,18 +321,20 @@ def amplify(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Amplify a run's demonstrations to new starts in another run folder. The same call resumes the run.
+    """Generate demonstrations for new initial states from a run's demonstrations, in another run folder.
+
+    The same call resumes the run.
 
     Args:
         sources: Run folder with the source demonstrations.
-        out: Run folder.
+        out: Output run folder.
         tasks: Task names; default: all tasks that the sources demonstrate.
         demos: Demonstrations per training condition.
-        first_seed: Seed from which starts are chosen.
-        attempts: Maximum attempts per start, each with a different leading source.
-        settings: Settings of the transfer.
-        workers: Worker processes.
-        on_progress: Called at the start and after every start.
+        first_seed: First seed of the initial states.
+        attempts: Maximum attempts per initial state, each with a different primary source demonstration.
+        settings: Settings of the transfer to new scenes.
+        workers: Number of worker processes.
+        on_progress: Called at the start and after every initial state.
 
     Raises:
         InvalidInputError: If a number is out of range, or sources are missing or use test seeds.
@@ -342,7 +347,7 @@ def amplify(
     require_between("--noise", chosen.action_noise, 0.0, 0.5)
     run = RunFolder.open(sources)
     if out.absolute() == run.path:
-        raise InvalidInputError("--out", "this is the folder of the sources", "Choose another folder")
+        raise InvalidInputError("--out", "it is the folder of the source demonstrations", "Choose another folder")
     known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
@@ -387,7 +392,7 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set in rounds, until every start has a demonstration or has been replaced."""
+    """Make a set in rounds, until every initial state has a demonstration or has been replaced."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
@@ -413,7 +418,7 @@ def _produce(
                 keep=functools.partial(_note, journal=journal, attempts=attempts),
                 on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
             )
-            changed = [run.restore(), journal.restore(), attempts.restore()]  # restores removed files
+            changed = [run.restore(), journal.restore(), attempts.restore()]  # rewrite removed files
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
         if is_whole and chains == _chains(wanted, found, method):
@@ -434,7 +439,7 @@ def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
-    """Return each start followed by its replacements."""
+    """Return each initial state followed by its replacements."""
     chains = []
     for start in wanted:
         chain = [start]
@@ -482,13 +487,13 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, workers: int, due: Iterable[Start]) -> Iterator[_Produced]:
-    """Yield the outcomes of starts as they arrive; starts that share a compiled scene are processed consecutively."""
+    """Yield outcomes as they arrive; initial states with the same compiled scene are processed consecutively."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_processes(order, functools.partial(_work, str(run.path), method), workers=workers)
 
 
 def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) -> None:
-    """Write the outcome of a start into both journals.
+    """Write the outcome of an initial state into both journals.
 
     If the process is killed between the two writes, the start is repeated.
     """
@@ -515,9 +520,9 @@ def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) ->
 
 
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
-    """Try one start until an attempt is accepted, and write its record; called in a worker."""
+    """Try one initial state until an attempt is accepted, and write its record; called in a worker."""
     load_sources(method.task_files)
-    run = RunFolder(Path(out), {}, {})  # its description may be missing for a moment
+    run = RunFolder(Path(out), {}, {})  # the main process may be writing run.json
     began = time.perf_counter()
     scene = scene_of(trial, method.quality, method.robot)
     setup_s = time.perf_counter() - began
@@ -552,7 +557,7 @@ def scene_of(trial: TrialId, quality: str, robot: str) -> Scene:
 
 
 def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
-    """Make one attempt at a start, which is determined by its number."""
+    """Make one attempt at an initial state, which is determined by its number."""
     if method.policy == EXPERT:
         return collect_attempt(scene, number, twins=method.twins)
     library = _library(method.sources, method.sources_hash, method.source_tasks, scene.task.id)
@@ -564,10 +569,10 @@ def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Li
     """Return the sources of a task; raise RecordError if their hash has changed, for example by additions."""
     run = RunFolder.open(Path(sources))
     library = load_library(run, task)
-    if set_hash(run, tasks) != sha256:  # checked last, to detect additions during loading
+    if set_hash(run, tasks) != sha256:  # checked after loading, so that additions during loading are detected
         raise RecordError(
             f"{sources}: its demonstrations have changed since the amplification began. When no process writes there "
-            "any more, run the same command again with another folder."
+            "anymore, run the same command with another --out folder."
         )
     return library
 

@@ -49,7 +49,7 @@ class CarriedOver:
     change: int
 
     def begin_within(self, radius_m: float) -> int:
-        """Return the first step from which all poses up to the gripper change stay within a distance [m]."""
+        """Return the first step from which all poses stay within a distance [m] of the pose at the gripper change."""
         there = self.targets[self.change].position
         step = self.change
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
@@ -118,7 +118,7 @@ def carry_place(
             source's release.
 
     Returns:
-        None if the expert has no goal near the release.
+        The placement, or None if the expert has no goal near the release.
     """
     to_new = region_frame(state, window) @ skill.frame.inverse()
     shift = (0.0, 0.0, 0.0)
@@ -142,9 +142,9 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the tool pose that puts the object's base at the position of the source's object.
+    """Return the tool pose that puts the object's base where the source demonstration put its object.
 
-    Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object keeps its rotation in the gripper.
+    If the inverse ``T_foot_tcp`` is None, tool and object keep their rotation.
     """
     foot = (target @ T_tcp_foot_source).translated(*shift)
     if T_foot_tcp is not None:

@@ -48,7 +48,8 @@ class SourceSkill:
         window: Its rows there.
         object: Object that is picked, released or moved.
         asset: Asset of that object.
-        frame: ``T_world_reference`` at the beginning of the window: pose of the object, or of the target's region.
+        frame: ``T_world_reference`` at the beginning of the window: pose of the object or, for a placement, of the
+            target region.
         object_pose: ``T_world_object`` when the window begins.
         target_pose: ``T_world_target`` at that time; the object's pose if there is no placement.
         targets: Commanded poses ``T_world_tcp``, one per control step of the window.
@@ -139,7 +140,7 @@ def load_library(run: RunFolder, task: str) -> Library:
     """Return the successful demonstrations of a task in a run.
 
     Raises:
-        InvalidInputError: If a record has the seed of a test, or the task has no successful demonstration.
+        InvalidInputError: If a record has a test seed, or the task has no successful demonstration.
         RecordError: If a record cannot be read, or has another suite or task version.
     """
     found = []
@@ -147,7 +148,7 @@ def load_library(run: RunFolder, task: str) -> Library:
         if entry.task != task or entry.status != "done":
             continue
         if entry.seed < FIRST_DEMONSTRATION_SEED:
-            problem = f"{entry.key} has the seed of a test, which must not be used for training"
+            problem = f"{entry.key} has a test seed, which must not be used for training"
             cure = f"Give demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
@@ -220,7 +221,7 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
     if other:
         raise RecordError(
             f"{meta.task}/{meta.condition}/{meta.seed}: its objects differ from those of its condition "
-            f"(only one of the two has {one_line(other[0], most=80)}). Collect the demonstration again."
+            f"({one_line(other[0], most=80)} is in only one of them). Collect the demonstration again."
         )
 
 
@@ -278,7 +279,7 @@ def nearest_goal(
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
-    # Hundreds of goals share a few rotations.
+    # cache by rotation, because hundreds of goals have only a few different rotations
     turned = {q: rotate(q, offset) for q in {goal.pose.quaternion for goal in goals}}
     feet = [goal.pose.translated(*turned[goal.pose.quaternion]).position for goal in goals]
     nearest = min(feet, key=lambda foot: distance(foot, point), default=None)

@@ -1,9 +1,9 @@
-"""Starts of demonstrations: seeds chosen to cover the training distribution evenly.
+"""Initial states of demonstrations: seeds chosen to cover the training distribution evenly.
 
-A start is described by a few levels: the cell of the jitter region that contains each relevant object, the object's
-rotation, and the set of looks. Each start is the seed with the rarest levels so far, from a block of consecutive seeds.
-Blocks do not overlap and do not depend on the number of starts, so a larger set contains the smaller one. An abandoned
-seed is replaced by the most similar seed of another block.
+An initial state is described by a few levels: the cell of the jitter region that contains each relevant object, the
+object's rotation, and the set of looks. Of each block of consecutive seeds, the seed whose levels are the rarest so far
+is used. Blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller
+one. An abandoned seed is replaced by the most similar seed of another block.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ FIRST_AMPLIFIED_SEED = 1_000_000_000
 GRID = 3
 """Cells of a slot's jitter region along each axis."""
 BLOCK = 32
-"""Number of consecutive seeds from which a start is chosen."""
+"""Number of consecutive seeds from which one is chosen."""
 SPARE_BLOCK = 256
 """Number of consecutive seeds from which a replacement is chosen."""
 SLOT_WEIGHT = 3
 """Weight of a different cell when a replacement is chosen; a different rotation or look weighs 1."""
 SPARE_ROUNDS = 4
-"""Maximum number of replacements of a start."""
+"""Maximum number of replacements of an initial state."""
 SPARES_FROM = 20_000_000
 """Distance of the first spare seed from the first seed."""
 MOST_STARTS = 10_000
-"""Maximum number of starts per training condition: their blocks end before the spare seeds begin."""
+"""Maximum number of initial states per training condition: their blocks end before the spare seeds begin."""
 
 Levels = Mapping[str, int]
-"""Level of each factor of a start, by factor name."""
+"""Level of each factor of an initial state, by factor name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Start:
     Attributes:
         condition: Name of the training condition.
         number: Number of the start within its condition, from 0.
-        round: How often its seed was replaced.
+        round: Number of times that its seed was replaced.
         seed: Its seed.
     """
 
@@ -64,7 +64,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """Random factor of a start.
+    """Random factor of an initial state.
 
     Attributes:
         name: "slot first" or "turn first" for a slot, or "looks".
@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of starts in a training condition: slots of instructed objects, then of targets."""
+    """Return the random factors of a condition's initial states: slots of instructed objects, then of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -136,8 +136,8 @@ def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int)
 def shared_out(total: int, parts: int) -> tuple[int, ...]:
     """Divide ``total`` demonstrations among ``parts`` conditions.
 
-    Each gets at least one, and the first ones get the remainder. No part shrinks when the total grows, so a larger set
-    contains the smaller one.
+    Each condition gets at least one, and the first conditions get the remainder. A larger total never decreases a
+    share, so a larger set contains the smaller one.
     """
     return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
 
@@ -166,9 +166,10 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return the replacement of a planned start that was abandoned ``round_`` times (1 or more).
+    """Return the replacement of a planned initial state that was abandoned ``round_`` times (1 or more).
 
-    Each replacement is similar to the planned start, not to the previous replacement. The number of rounds is limited.
+    Each replacement is similar to the planned initial state, not to the previous replacement. The number of rounds is
+    limited.
     """
     if round_ > SPARE_ROUNDS:
         return None
@@ -197,11 +198,11 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """Coverage of the levels of one factor by some starts.
+    """Coverage of the levels of one factor by some initial states.
 
     Attributes:
         counts: Starts per level.
-        filled: Share of the levels with a start, relative to the largest number that the starts can fill.
+        filled: Share of the levels with an initial state, relative to the largest number that the starts can fill.
         evenness: Starts at the rarest level, divided by the mean over all levels.
     """
 

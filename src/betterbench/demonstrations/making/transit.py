@@ -1,4 +1,4 @@
-"""Transfer of a transit to other end points, keeping its height, side, speed and pauses."""
+"""Transfer of a transit (motion between two skills) to other end points, with its height, side, speed and pauses."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def carry_transit(
         variation: Difference from the transit of the source.
 
     Returns:
-        None if the transit cannot be transferred: it contains a missed grasp, or would be stretched too much.
+        The transit, or None if it contains a missed grasp or would be stretched too much.
     """
     if skill.lead_in is None:
         return None
@@ -69,7 +69,7 @@ def carry_transit(
     aside = variation.aside_m / math.hypot(vx, vy) if math.hypot(vx, vy) >= LEAST_WAY_M else 0.0
     moved = []
     for (x, y, z), share in zip(turned, (length / shares[-1] for length in shares), strict=True):
-        # zero at both end points, with zero slope
+        # the displacement is zero at both end points, with zero slope
         most = math.sin(math.pi * share) ** 2
         point = (
             x + share * ox - most * aside * vy,

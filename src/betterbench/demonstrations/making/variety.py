@@ -1,9 +1,9 @@
 """Variety: differences between corresponding motions of the demonstrations in a set.
 
 Pairs of demonstrations are compared in motions with the same subgoal, condition and skill. The slot jitter of the
-objects is removed first, so that ten copies of one path with ten starts have no variety: paths are compared by their
-offset from the straight line between their end points, and grasps and approaches in the object's frame. Every figure is
-the mean over pairs, so it does not depend on the set's size.
+objects is removed first, so that copies of one path with different initial states have no variety: paths are compared
+by their offset from the straight line between their end points, and grasps and approaches in the object's frame. Every
+value is the mean over pairs, so it does not depend on the number of demonstrations.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Differences between demonstrations of a condition in one motion: to a grasp, or from a grasp to its end.
+    """Differences between demonstrations of a condition in one motion: up to a grasp, or from a grasp to the release.
 
     Attributes:
         condition: Condition name.

@@ -1,1 +1,1 @@
-"""Training sets: demonstrations of exactly one training distribution, with checks, card, statistics and audit."""
+"""Training sets: demonstrations of one training distribution, with checks, card, statistics and audit."""

@@ -50,7 +50,7 @@ class MadeDataset:
         command: The command that reproduces the set.
         demonstrations: Number of demonstrations.
         steps: Their control steps.
-        missing: Number of starts without an accepted attempt and without a replacement.
+        missing: Number of initial states without an accepted attempt and without a replacement.
         audit: Its shortcut audit; None if no task has enough demonstrations.
         prediction: The prediction from the audit; None without an audit.
         pairs: Its twins.
@@ -80,22 +80,22 @@ def make_dataset(
     overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
-    """Make the training set of a recipe in a folder; the same call resumes it and produces the same bytes.
+    """Build the training set of a recipe in a folder. The same call resumes it, and the result has the same bytes.
 
     Args:
-        recipe: Set recipe.
-        out: Set folder.
+        recipe: Recipe of the set.
+        out: Output folder of the set.
         workers: Worker processes.
-        pictures: Draw a sheet of starts per task.
+        pictures: Draw a sheet of initial states per task.
         overwrite: Replace files of the set that were changed by hand.
         on_progress: Called with the progress of each stage.
 
     Raises:
-        InvalidInputError: If a number is out of range, or a task lacks the regime or its training support was not
-            measured.
+        InvalidInputError: If a number is out of range, a task does not define the training distribution, or its
+            training support was not measured.
         UnknownNameError: If a task does not exist.
         RunConflictError: If the folder contains another dataset, or another process writes to it.
-        RecordError: If a record is damaged, or shows behavior outside the regime.
+        RecordError: If a record is damaged, or shows behavior outside the training distribution.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
@@ -114,7 +114,7 @@ def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures
     run = _demonstrations(recipe, out, workers, tell)
     trials = sorted(entry.key for entry in run.entries() if entry.status == "done")
     if not trials:
-        raise InvalidInputError(str(run.path), "no attempt was accepted", "See its folder acceptance")
+        raise InvalidInputError(str(run.path), "no attempt was accepted", "See the report in its folder acceptance")
     held_out = frozenset(validation_seeds({trial.seed for trial in trials}, recipe.validation))
     numbers, facts, variety = _proven(run, recipe, trials, held_out, tell)
     pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
@@ -171,7 +171,7 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
-    """Return the counts, facts and variety of all records, after checking that each shows only the regime."""
+    """Return the counts, facts and variety of all records, after checking that each is in the training distribution."""
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
@@ -198,7 +198,7 @@ def _missing(recipe: SetRecipe, there: int) -> int:
 
 
 def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
-    """Draw a sheet of starts per task, and return its file, or why it is missing."""
+    """Draw a sheet of initial states per task, and return its file, or why it is missing."""
     found: dict[str, str] = {}
     tasks = list(dict.fromkeys(trial.task for trial in trials))
     for count, task in enumerate(tasks, start=1):

@@ -1,4 +1,4 @@
-"""Twins among the demonstrations of a run: the same start with different instructions, found by bitwise comparison."""
+"""Twins among the demonstrations of a run: identical initial states with different instructions."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
     """Yield pairs from a run whose conditions share their seeds, ordered by task, seed and condition.
 
-    A pair has one start and two instructions. Demonstrations of one start that were accepted at different attempts have
-    different motion styles and do not form a pair.
+    A pair has one initial state and two instructions. Demonstrations of one initial state that were accepted at
+    different attempts have different motion styles and do not form a pair.
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):

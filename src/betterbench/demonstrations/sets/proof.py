@@ -1,4 +1,4 @@
-"""Check, from a record alone, that it demonstrates a regime and nothing outside it."""
+"""Check, from a record alone, that it demonstrates a training distribution and nothing outside it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class RegimeBounds:
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return the conditions that a set of a regime may show, and the tests that it must not show."""
+        """Return the conditions that a set of a training distribution may show, and the tests that it must not show."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")
@@ -34,13 +34,13 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Return a record's facts after checking that it demonstrates its regime and nothing outside it.
+    """Return a record's facts after checking that it demonstrates its training distribution and nothing outside it.
 
     The start, the instruction, the order of the subgoals and every grasp and release are derived from the states.
 
     Raises:
-        RecordError: If the record has the seed of a test, failed, has another initial state or order, demonstrates a
-            test condition, or handles an object where no demonstration of the certificate does.
+        RecordError: If the record has a test seed, failed, has another initial state or order than its condition,
+            demonstrates a test condition, or picks or places an object outside the certified support.
     """
     meta = record.metadata
     if meta.seed < FIRST_DEMONSTRATION_SEED:
@@ -49,7 +49,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
         raise _refusal(where, "it did not succeed")
     found = [c for c in conditions_shown(record, bounds.shown) if c.name == meta.condition]
     if not found:
-        raise _refusal(where, f"its first state or its instruction is not that of {meta.task}/{meta.condition}")
+        raise _refusal(where, f"its first state or its instruction differs from {meta.task}/{meta.condition}")
     tests = conditions_shown(record, bounds.forbidden)
     if tests:
         raise _refusal(where, f"it demonstrates the test condition {tests[0].id}")

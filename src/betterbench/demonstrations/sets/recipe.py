@@ -35,8 +35,9 @@ class SetRecipe:
 
     Attributes:
         tasks: Names of the tasks.
-        regime: Regime whose conditions are demonstrated.
-        demos: Demonstrations per training condition; other regimes divide the same total among their conditions.
+        regime: Training distribution whose conditions are demonstrated.
+        demos: Demonstrations per training condition; the other distributions divide the same total among their
+            conditions.
         sources: Number of expert demonstrations from which the others are amplified; 0 if the expert makes all of them.
         seed: First seed of the expert's demonstrations; the first seed of the amplified demonstrations follows from it.
         noise: Standard deviation of the noise on executed actions in amplified demonstrations, in action units.
@@ -74,7 +75,7 @@ class SetRecipe:
         require_between("--noise", self.noise, 0.0, 0.5)
         require_between("--validation", self.validation, 0.0, 0.9)
         if not self.tasks:
-            raise InvalidInputError("--tasks", "there is no task", "Name one")
+            raise InvalidInputError("--tasks", "no task is given", "Give at least one task")
 
     def command(self, sha256: str, *, out: str = "DATASET") -> str:
         """Return the command that reproduces the set and compares its hash."""

@@ -1,4 +1,4 @@
-"""Pictures of a training set: the start of one demonstration per condition, with its instruction."""
+"""Contact sheet of a training set: the initial state of one demonstration per condition, with its instruction."""
 
 from __future__ import annotations
 

@@ -26,13 +26,13 @@ class AskedQuestion:
 
 
 def tested_text(questions: Iterable[AskedQuestion]) -> str:
-    """Return the tested questions as one text, "nothing" if there are none."""
+    """Return the tested questions as a string, "nothing" if there are none."""
     done = [q for q in questions if not q.untested]
     return "; ".join(f"{q.title} ({q.compared})" if q.compared else q.title for q in done) or "nothing"
 
 
 def untested_text(questions: Iterable[AskedQuestion]) -> str:
-    """Return the untested questions, grouped by reason, as one text, or "" if there are none."""
+    """Return the untested questions, grouped by reason, as a string, or "" if there are none."""
     reasons: dict[str, list[str]] = {}
     for q in questions:
         if q.untested:

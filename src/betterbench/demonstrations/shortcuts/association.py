@@ -43,7 +43,7 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return an index for each value, in text order, and the number of different values."""
+    """Return the index of each value among the sorted values, and the number of different values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
@@ -88,8 +88,8 @@ def association(
     """Return the association between two lists of equal length.
 
     Args:
-        first: A value per observation.
-        second: The other value per observation.
+        first: Value of the first variable in each observation.
+        second: Value of the second variable in each observation.
         draw: Random generator of the permutations.
         blocks: Index of each observation's demonstration. Without ``within``, the first values are permuted between
             complete demonstrations, so that repetition within one demonstration is not evidence; all first values of a
@@ -207,7 +207,7 @@ def _permuted_bits(
             if len(per_block) != n:
                 mixed = mixed[:, block]
         joint = joint_counts(mixed, y, (nx, ny))
-        if varying_margin:  # demonstrations of different lengths change the counts of x
+        if varying_margin:  # permuting demonstrations of different lengths changes the counts of x
             margin = logs[joint.sum(axis=2)].sum(axis=1) + logs[np.bincount(y, minlength=ny)].sum()
         else:
             margin = np.full(rows, margins)

@@ -67,8 +67,8 @@ from betterbench.tasks.interventions import resolve_condition
 ALPHA = 0.05
 """Significance level over all questions of an audit together (Bonferroni).
 
-In sets of betterbench, whose states are known, the questions about pairs of words and whole instructions are corrected
-separately from all others."""
+For betterbench's own data, whose states are known, questions about word pairs and complete instructions are corrected
+separately from the other questions."""
 STRONG = 0.5
 """Minimum strength of a reported finding: one variable resolves half of the uncertainty of the other.
 
@@ -80,12 +80,12 @@ RARE = 0.05
 FEWEST = 8
 """Minimum number of demonstrations in an audited group."""
 NEARLY_ALWAYS = 0.9
-"""Share of an outcome's uncertainty that the presence of a word must resolve for the word to be a certain sign."""
+"""Share of an outcome's uncertainty above which a word counts as determining the outcome."""
 MOST_LINES = 8
 MOST_WORDS = 1000
 """Maximum number of tested words per group; the words that distinguish the most episodes are chosen."""
 MOST_PAIRS = 20
-_NAMED = "the words name the objects; the whole instruction is compared among those that name them in the same order"
+_NAMED = "the words name the objects; complete instructions are compared if they name them in the same order"
 _MOST_SHOWN = 80
 """Maximum characters of an instruction in a finding."""
 
@@ -181,7 +181,7 @@ class ShortcutAudit:
         source: The audited data.
         facts_sha256: Hash of the underlying facts.
         groups: One per task.
-        reading: Description of how the data were read.
+        reading: Which episodes and columns were read.
     """
 
     source: str
@@ -392,7 +392,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
     if outcome.is_place or not _picking_words(known):
         raw += _answers_about_single_words(group, outcome, said, outcomes)
         raw += _answers_about_pairs(group, outcome, said, outcomes)
-    else:  # object words refer to these objects, so only the other words can be shortcuts
+    else:  # words for these objects determine the outcome by their meaning, so only other words can be shortcuts
         for level in (WORDS, PAIRS):
             question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
             group.asked.append(question)
@@ -436,7 +436,7 @@ def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outco
     if len(said.words) > 1:
         group.pairs.append(_AskedPairs(question, title, len(outcomes), len(pairs), kinds))
     every = Counter(outcomes)
-    # Of several pairs in the same episodes, the pair with the longer words is shown.
+    # If several pairs occur in the same episodes, show the pair with the longer words.
     length = [max(map(len, words)) for words in said.words]
     pairs.sort(key=lambda pair: (pair.p_value, -min(length[pair.first], length[pair.second])))
     raw: list[_Raw] = []
@@ -503,10 +503,9 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """Return the part of each instruction's meaning that determines an outcome.
+    """Return, for each instruction, the words whose meaning determines an outcome, as one string.
 
-    Place words refer to places, unless a variation shows otherwise. The sequence of object words in an instruction
-    gives the order of the objects.
+    For outcomes that are places, these are the place words; for the order of the objects, the sequence of object words.
     """
     texts = {facts.instruction for facts in known}
     if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
@@ -537,7 +536,7 @@ def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
 
 
 def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return in which tables a word is a certain sign, as defined by :func:`_nearly_always`.
+    """Return the tables in which a word determines the outcome, as defined by :func:`_nearly_always`.
 
     Args:
         joint: (tables, 2, outcomes) the outcomes without and with the word.
@@ -551,7 +550,7 @@ def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return in which tables some first value always occurs with the same second value, as in :func:`_certain`.
+    """Return the tables in which some first value always occurs with the same second value, as in :func:`_certain`.
 
     Args:
         joint: (tables, nx, ny) joint counts of the values.
@@ -588,10 +587,12 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
     """Return the smallest share of demonstrations that two equally frequent words must decide together to be found."""
     if asked.n // 4 < FEWEST:
         return None
-    # With two equally frequent words, the rule is tested on the half with the first word, with and without the second.
+    # With two equally frequent words, the test compares episodes with and without the second word among the half with
+    # the
+    # first word.
     corrected = tests * max(1, asked.pairs) * asked.outcomes
     followed = least_share(asked.n // 2, corrected, ALPHA)
-    # Chance decides one of two equally frequent outcomes: if a rule decides a share s, (1 + s) / 2 follow it.
+    # If a rule decides a share s of the episodes and chance the others, (1 + s) / 2 agree with the rule.
     return None if followed is None else max(_STRONG_SHARE, math.ceil(STEPS * (2.0 * followed - 1.0)) / STEPS)
 
 
@@ -612,7 +613,7 @@ def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
         raw.append(_constant(COUNT, "number of objects at the start", "", line, {"": counts}))
     places = Counter(f.steps[0].origin for f in episodes if not f.privileged and f.steps and f.steps[0].origin)
     if len(places) == 1 and len({f.instruction for f in episodes}) > 1:
-        line = f"whatever the instruction, the gripper first closes at {next(iter(places))}"
+        line = f"with every instruction, the gripper first closes at {next(iter(places))}"
         raw.append(_constant(FIRST_PLACE, "first place", "", line, {"": places}))
     return raw
 
@@ -670,7 +671,7 @@ def _family(group: _Group, question: str) -> str:
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
-    """Return the findings except those about a character run that overlaps a clearer one.
+    """Return the findings without those about a character run that overlaps the run of a clearer finding.
 
     In a script without spaces, parts of a word, and runs that contain it, carry part of the word's information.
     """
@@ -712,7 +713,7 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 
 
 def _counts(raw: _Raw, p_value: float | None) -> bool:
-    """Return whether a finding is significant and also strong or a certain sign."""
+    """Return whether a finding is significant and either strong or certain (see ``certain`` in :class:`_Raw`)."""
     if p_value is not None and p_value > ALPHA:
         return False
     always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
@@ -733,7 +734,7 @@ def _verdict(
 
 
 def _names_its_place(finding: Finding, raw: _Raw) -> bool:
-    """Return which of two words associated with a place occurs in the place name, such as "upper"."""
+    """Return whether a word associated with a place occurs in the place's name, such as "upper"."""
     if not finding.question.endswith(PAIRS):
         return False
     place = next(iter(raw.rules.values())).most_common(1)[0][0]

@@ -116,7 +116,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
     """Return the facts of a correct episode in a condition.
 
-    If a word can refer to several objects, the first one is used.
+    If an instruction word can refer to several objects, the first of them is used.
     """
     steps = []
     taken: set[str] = set()
@@ -155,7 +155,7 @@ def _step(condition: Condition, name: str, target: str, region: str, word: str) 
 
 def _facts(condition: Condition, name: str, said: str, steps: Iterable[ShownStep], heading: str) -> EpisodeFacts:
     loose = {o.name for o in condition.objects if o.role in HANDLED_ROLES}
-    # A plate on which plates are put is never picked: it is a landmark like a rack.
+    # A plate that is the target of other plates is never picked, so it is a landmark, like a rack.
     goals = condition.instruction.subgoals
     anchors = {g.target for g in goals} - {n for g in goals for n in condition.resolve(g.reference)}
     stands = [(n, slot) for n, slot in condition.layout.items()]

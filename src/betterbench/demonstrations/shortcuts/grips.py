@@ -1,4 +1,4 @@
-"""Detection of gripper closings and openings, and of the end of the range that means closed."""
+"""Detection of when a gripper closes and opens, and of which end of its range is closed."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -
     """Return the grippers that never move, with the reason: constant values, or the noise of an idle arm.
 
     Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
-    differs only in the side), or has a smaller range and changes sides faster than a gripper closes and opens. A
+    differs only in the side), or has a smaller range and alternates faster than a gripper can close and open. A
     gripper with two positions moves even if its range is small, because its unit may be different.
 
     Args:
@@ -100,7 +100,7 @@ def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -
             if high - low < IDLE_SHARE * widest and not (stay >= shortest and between < _BETWEEN):
                 found.append(Still(low, high, f", under {100.0 * IDLE_SHARE:.0f} % of that of {shown}"))
             elif stays and stay < shortest:
-                found.append(Still(low, high, f", smaller than that of {shown}, and as fast as noise"))
+                found.append(Still(low, high, f", smaller than that of {shown}, and it alternates as fast as noise"))
             else:
                 found.append(None)
     return found
@@ -167,7 +167,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
 
 
 def _cure(side: str) -> str:
-    return f"Say which with --closed low or --closed high, such as --closed {side} for 0 closed and 1 open"
+    return f"Give --closed low or --closed high, such as --closed {side} for 0 closed and 1 open"
 
 
 def _width(low: float, high: float) -> tuple[str, str] | None:
@@ -193,7 +193,7 @@ def _between(values: _Floats, low: float, high: float) -> float:
         spread = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
     spread = np.nan_to_num(spread, nan=0.0)
     best = np.flatnonzero(spread >= spread.max() * (1.0 - 1e-9))
-    cut = float(edges[1:-1][best].mean())  # the center of an empty gap
+    cut = float(edges[1:-1][best].mean())  # several best thresholds span an empty gap: use its center
     return min(max(cut, low + 0.25 * (high - low)), low + 0.75 * (high - low))
 
 

@@ -30,7 +30,7 @@ class WholeTest:
     Attributes:
         test: The unconditional association, with which planted rules are compared.
         beyond: The association among demonstrations that agree in the words already found.
-        share_told: Fraction of the errors of the best guess from these words that the complete instruction avoids.
+        share_told: Fraction of the errors made by the best guess from these words that the complete instruction avoids.
         rows: Indices of the demonstrations that were compared.
         instructions: Number of different instructions among them.
     """
@@ -50,7 +50,7 @@ def whole_test(
     Args:
         instructions: Each demonstration's instruction.
         outcomes: Each demonstration's outcome.
-        known: For each demonstration, the already-found words that it contains, as a text.
+        known: For each demonstration, the words with a finding that it contains, as a string.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)
@@ -67,7 +67,7 @@ def whole_test(
 
 
 def share_told(joint: _Ints) -> _Floats:
-    """Return the fraction of errors of guessing the most frequent outcome that knowing the category avoids.
+    """Return the fraction of errors made by guessing the most frequent outcome that guessing by category avoids.
 
     Each demonstration is guessed from the others of its category (leave-one-out); ties count as half right.
 

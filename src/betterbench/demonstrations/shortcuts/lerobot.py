@@ -1,8 +1,8 @@
 """Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instructions, actions and proprioception.
 
 These datasets have no simulator state: objects have no names, and a place is a point at which a gripper closes or
-opens. The instruction, gripper and place columns are recognized by name; betterbench rejects a dataset with ambiguous
-names. :class:`DataReading` lists the chosen columns.
+opens. Instruction, gripper and position columns are recognized by name; if the names are ambiguous, the dataset is
+rejected. :class:`DataReading` lists the chosen columns.
 """
 
 from __future__ import annotations
@@ -146,7 +146,9 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
             still.append(f"the gripper {grip.number.shown}, {idle.told}")
     if not arms:
         shown = ", ".join(grip.number.shown for grip in grips)
-        raise InvalidInputError(str(path), f"the gripper ({shown}) never moves", "Name the gripper with --gripper")
+        raise InvalidInputError(
+            str(path), f"the gripper ({shown}) never moves", "Give the gripper's component with --gripper"
+        )
     name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
     facts: list[EpisodeFacts] = []
     for arm in arms:
@@ -164,7 +166,7 @@ def _modality(path: Path) -> Mapping[str, Any]:
 
 
 def _says_steps(path: Path) -> bool:
-    """Return whether ``meta/betterbench.json`` declares the actions to be tool displacements."""
+    """Return whether ``meta/betterbench.json`` declares that the actions are displacements of the tool."""
     file = path / "meta" / "betterbench.json"
     if not file.is_file() or is_pointer(file):
         return False
@@ -213,7 +215,7 @@ class _Said:
 
     @property
     def source(self) -> str:
-        """Location of the instructions, in words."""
+        """Location of the instructions, as text."""
         if self.tasks is None:
             return f"column {self.column} of the frames"
         return f"{self.tasks.source}, by {self.column} of the frames"
@@ -228,8 +230,8 @@ class _Said:
             codes, listed = texts
         else:
             if self.tasks is None:
-                problem = f"{self.column} contains no texts"
-                raise RecordError(f"{file}: {problem}. Name a column with strings or with task indices.")
+                problem = f"{self.column} contains no strings"
+                raise RecordError(f"{file}: {problem}. Give a column with strings or with task indices.")
             values = numbers_in(file, self.column, column, 1)
             finite = np.isfinite(values)
             counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)
@@ -318,7 +320,7 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     _require_mostly_usable(path, found.odd, found.there)
     if not found.episodes and found.silent:
         problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
-        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
+        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Give another column with --instruction")
     if not found.episodes:
         raise InvalidInputError(str(path / "data"), "it contains no episode of two frames or more", CURE)
     return found
@@ -330,7 +332,7 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
     if 2 * count > of:
         reason = next(iter(odd))
         problem = f"{count:,} of {how_many(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
-        cure = "Name other columns with --gripper, --place or --instruction, or write these numbers again"
+        cure = "Give other columns with --gripper, --place or --instruction, or correct these numbers"
         raise InvalidInputError(str(path), problem, cure)
 
 
@@ -533,7 +535,8 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
-            # The first origin belongs to the first step, and the last target belongs to the last step.
+            # The first closing point is the origin of the first step, and the last opening point the target of the last
+            # step.
             origins += [""] * (count - len(origins))
             targets = [""] * (count - len(targets)) + targets
             steps = tuple(ShownStep("", "", a, b) for a, b in zip(origins, targets, strict=True))
@@ -584,7 +587,7 @@ class _Read:
 
 
 def _reading(read: _Read) -> DataReading:
-    """Return the description of the data that were read."""
+    """Return the description of which data were read."""
     segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
     observations = ""
     if segments > episodes:
@@ -609,7 +612,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield sentences about how the frames were sorted, if files were not in order."""
+    """Yield sentences about how the frames were sorted, if the files were unsorted."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = f"by episode_index and {key}" if key else "by episode_index alone: no column has the order of the frames"
         yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
@@ -624,8 +627,8 @@ def _left_out(read: _Read) -> Iterator[str]:
     if (read.listed or 0) > scanned.there:
         yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
     if scanned.pointers:
-        what = "file that is a pointer" if scanned.pointers == 1 else "files that are pointers"
-        yield f"{scanned.pointers:,} {what} of Git LFS (run git lfs pull to fetch them)"
+        what = "Git LFS pointer" if scanned.pointers == 1 else "Git LFS pointers"
+        yield f"{scanned.pointers:,} {what} instead of files (run git lfs pull to fetch them)"
     if scanned.short:
         yield f"{how_many(scanned.short, 'episode')} of fewer than two frames"
     if scanned.silent:
@@ -642,10 +645,10 @@ def _left_out(read: _Read) -> Iterator[str]:
 
 
 def _warnings(read: _Read) -> Iterator[str]:
-    """Yield possible reasons for wrong findings."""
+    """Yield warnings about the data that may cause wrong findings."""
     total = read.info.get("total_episodes")
     if read.listed is None and total is not None:
-        yield "total_episodes in meta/info.json is not a number of episodes"
+        yield "total_episodes in meta/info.json is not a count"
     elif 0 < (read.listed or 0) < read.scanned.there:
         yield f"meta/info.json says {how_many(read.listed or 0, 'episode')}, but the files have {read.scanned.there:,}"
     if _rate(read.info) is None:

@@ -105,7 +105,7 @@ def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
         raise InvalidInputError(columns.where, _why_no_gripper(columns), _cure_gripper(columns))
     if len(found) > 1 and "" in found:
         problem = f"grippers with and without an arm: {', '.join(grip.number.shown for grip in found.values())}"
-        raise InvalidInputError(columns.where, problem, "Name one per arm with --gripper")
+        raise InvalidInputError(columns.where, problem, "Give one per arm with --gripper")
     return tuple(found[arm] for arm in sorted(found))
 
 
@@ -141,14 +141,14 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
     for arm, group in by_arm.items():
         bases = {re.sub(r"[\W_]*\d+\]?$", "", number.labels[0].lower()) for number, _ in group}
         if kind == "finger" and len(group) > 2:
-            continue  # a hand with several fingers is not a gripper
-        # Two fingers have one name with two indices, and are adjacent.
+            continue  # more than two fingers: a hand, not a gripper
+        # The two fingers of a gripper are adjacent and have the same name with two indices.
         apart = (
             len({number.labels[0] for number, _ in group}) < len(group) or group[-1][0].index > group[0][0].index + 1
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
             shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
-            problem = f"{len(group)} numbers of {column} have the name of a gripper: {shown}"
+            problem = f"{len(group)} components of {column} are named like a gripper: {shown}"
             cure = f"Choose one with --gripper '{column}[N]', where N is its index in brackets"
             raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
@@ -176,10 +176,10 @@ def _why_no_gripper(columns: Columns) -> str:
     hands = [n.shown for n, part in columns.pairs(pool[0]) if part.kind in ("hand", "finger")]
     if hands:
         shown = ", ".join(hands[:3]) + (" and more" if len(hands) > 3 else "")
-        return f"no number has the name of a gripper; {shown} belong to hands with several joints"
+        return f"no component is named like a gripper; {shown} belong to hands with several joints"
     unnamed = not any(n.name for n in numbers)
-    tail = "its numbers have no names" if unnamed else f"none of its {len(numbers)} names means a gripper"
-    return f"no number has the name of a gripper; {pool[0]} was looked at first, and {tail}"
+    tail = "its components have no names" if unnamed else f"none of its {len(numbers)} names means a gripper"
+    return f"no component is named like a gripper; {pool[0]} was searched first, and {tail}"
 
 
 def _cure_gripper(columns: Columns) -> str:
@@ -209,7 +209,9 @@ def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
 def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
     sums = {text.startswith(STEPS) for text in named}
     if len(sums) > 1:
-        raise InvalidInputError("--place", "some numbers are steps and some are not", "Give a + before all or none")
+        raise InvalidInputError(
+            "--place", "only some components have the prefix + (steps)", "Give + before all of them or before none"
+        )
     numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]
     each, rest = divmod(len(numbers), len(grips))
     if rest or each < 2:
@@ -282,11 +284,13 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     pairs = columns.pairs(column)
     left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]
     if not left:
-        raise InvalidInputError(columns.where, f"all numbers of {column} are of the gripper", "Correct their names")
+        raise InvalidInputError(
+            columns.where, f"all components of {column} belong to the gripper", "Correct their names"
+        )
     telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
         of = f"the {grip.arm} arm" if grip.arm else "the gripper"
-        problem = f"no names show the position of {of} ({grip.number.shown} is its gripper)"
+        problem = f"no component is named like the position of {of} ({grip.number.shown} is its gripper)"
         own = [n for n, part in telling if part.arm in (grip.arm, "") or not grip.arm]
         if own:
             problem += f"; {column} has {', '.join(n.shown for n in own[:MOST_SHOWN])}"

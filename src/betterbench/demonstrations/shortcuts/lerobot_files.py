@@ -1,4 +1,4 @@
-"""Reader of the files of a LeRobot dataset, versions 2.0 to 3.0: description, instructions and frames.
+"""Reader of LeRobot dataset files, versions 2.0 to 3.0: description, instructions and frames.
 
 The file layout is the one of huggingface/lerobot 0.4. The files are untrusted: sizes are checked before reading, named
 pipes are rejected, and Git LFS pointers are reported.
@@ -28,7 +28,7 @@ from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_
 CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"
 """First bytes of a Git LFS pointer file."""
-FETCH = "It is a Git LFS pointer; the file itself was not fetched. Run git lfs pull in the dataset"
+FETCH = "It is a Git LFS pointer instead of the file itself. Run git lfs pull in the dataset"
 
 MOST_ROWS = 20_000_000
 """Maximum number of frames in a file."""
@@ -42,8 +42,8 @@ MOST_TEXT = 2_000
 """Maximum number of characters read from an instruction."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
-"""Part of Python's error message about an integer with too many digits; the message's advice would not help the
-user."""
+"""Part of Python's error message about an integer with too many digits, which is replaced because its advice does not
+apply here."""
 _TOO_LONG = "it contains an integer of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
@@ -382,17 +382,17 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
-    """Return a text column's indices and texts, or None if the column contains no texts.
+    """Return a string column as indices and distinct strings, or None if it does not contain strings.
 
-    A list with one text per row is read as this text. Raises RecordError if a row lists several texts.
+    A row may also be a list with one string. Raises RecordError if a row lists several strings.
     """
     flat = column.combine_chunks()
     if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type):
         if not _is_text(flat.type.value_type):
             return None
         if any(count != 1 for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
-            problem = f"{name} has several texts, or none, in a row"
-            raise RecordError(f"{file}: {problem}. Name a column with one instruction per frame.")
+            problem = f"{name} does not have exactly one string in each row"
+            raise RecordError(f"{file}: {problem}. Give a column with one instruction per frame.")
         flat = flat.flatten()
     if not _is_text(flat.type):
         return None

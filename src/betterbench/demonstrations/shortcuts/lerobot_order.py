@@ -117,7 +117,7 @@ def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
     for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]
         if not (before.finite and after.finite):
-            continue  # episodes with non-finite orders are left out later
+            continue  # episodes with non-finite frame indices are omitted later
         if not before.key or before.key != after.key or not before.last < after.first:
             raise RecordError(f"{parts[max(a, b)].file}: episode {episode} occurs twice in the data. {_CURE}.")
     return order

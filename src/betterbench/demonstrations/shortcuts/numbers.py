@@ -1,7 +1,7 @@
 """Recognition by name of the components in an external data set: gripper, end-effector position, or joint.
 
 A component is identified by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by its column's
-name, in this order. The position in a vector is not used, because the last component may be a waist or a thumb.
+name, in this order. Its index in the vector is not used, because the last component may belong to a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
         size = size_of(feature)
         names = names_of(feature)
         if (len(names) == 1 and size > 1) or len(names) > size:
-            names = []  # one name for the whole column, as in openpi's data sets, or names of other data
+            names = []  # not one name per component: openpi's data sets have one for all
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -194,7 +194,7 @@ def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
     """Return the kind of each component, from its label at one naming level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
-    # Numbered but unnamed positions: the first three of a group with the same name are x, y and z.
+    # Positions with an index but without an axis name: the first three with the same name are x, y and z.
     start = 0
     for base, group in itertools.groupby(labels, key=lambda label: re.sub(r"[\W_]*\d+\]?$", "", label)):
         size = len(list(group))

@@ -1,4 +1,4 @@
-"""Word pairs that determine an outcome together although neither word does alone."""
+"""Word pairs that determine an outcome only together, not by either word alone."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class WordPair:
     Attributes:
         first: Index of one feature.
         second: Index of the other one.
-        outcome: Index of the most frequent outcome where both occur.
+        outcome: Index of the most frequent outcome in episodes with both features.
         p_value: The larger p-value of two exact tests: whether, in episodes with one feature, the outcome is more
             frequent with the other feature than without it, and vice versa. Corrected for the number of outcomes, and
             by Holm (1979) for the number of pairs.
@@ -42,7 +42,7 @@ class WordPair:
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
     """Return the testable pairs of features with their outcome, clearest first.
 
-    A feature that occurs exactly where two others occur together is left out, because it is such a pair itself.
+    A feature that occurs exactly in the episodes with two other features is omitted, because it equals their pair.
 
     Args:
         presence: (episodes, features) whether an episode has a feature.
@@ -126,7 +126,7 @@ def least_share(n: int, tests: int, level: float) -> float | None:
     """Return the smallest fraction of episodes that must follow a rule for a significant test.
 
     The rule relates a word in half of the episodes to two equally frequent outcomes. The test is Fisher's, one-sided,
-    corrected for the number of tests (pairs and outcomes). None if no share is enough.
+    corrected for the number of tests (pairs and outcomes). Returns None if no fraction is enough.
     """
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     half = n // 2

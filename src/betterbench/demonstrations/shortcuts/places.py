@@ -1,4 +1,4 @@
-"""Names for places in data without names: cells of an arm's workspace, split at gaps between the observed points."""
+"""Names for places in external data: cells of an arm's workspace, split at gaps between the observed points."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
     """Return a place name for each point: the center of the points in its cell.
 
     Args:
-        points: Points (d,) each, d from 2 to 3; the third coordinate, a height, is cut at gaps only.
+        points: Points (d,) each, d from 2 to 3; the third coordinate (height) is split only at gaps.
         exact: Whether the points are positions; otherwise their two principal components are used.
     """
     if not points:
@@ -73,7 +73,7 @@ def _written(point: _Floats, span: float) -> str:
 
 
 def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
-    """Return the cell of each value: cut at gaps or, without gaps, into cells of equal counts."""
+    """Return the cell index of each value: split at gaps or, without gaps, into cells with equal counts."""
     ordered = np.sort(values)
     low, high = np.quantile(ordered, [0.01, 0.99])
     if high - low <= NARROW_SHARE * span:

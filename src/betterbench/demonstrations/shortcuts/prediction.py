@@ -56,7 +56,7 @@ WEIGHTS = {
 """Estimated (not measured) probability that a learner follows a rule of full strength, per question. Rules about two
 words or complete instructions have the same weight as rules about single words.
 
-A rule about the word or object of a pick decides the whole trial; a rule about other objects rarely matters."""
+A rule that determines the picked object decides the whole trial; a rule about other objects rarely matters."""
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
 _INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -161,8 +161,8 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
     """
     groups = {group.group: group for group in audit.groups if group.group in task_names()}
     if not groups:
-        cure = "A prediction needs demonstrations of tasks of the suite"
-        raise InvalidInputError(audit.source, "none of its tasks is known here", cure)
+        cure = "Give demonstrations of tasks in the suite"
+        raise InvalidInputError(audit.source, "it contains no known task", cure)
     found = []
     for name, group in groups.items():
         for variation in get_task(name).variations:

@@ -14,13 +14,14 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question of whether two variables are associated, so that a learner could infer one from the other.
+    """Question whether two variables are associated, so that a learner could infer one from the other.
 
     Attributes:
         name: Its name in files.
         title: The question in words.
         rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
-        pairs: Function that returns a demonstration's observations, given the kinds ever handled (None for all kinds).
+        pairs: Function that returns a demonstration's observations, given the object kinds that are picked in any
+            demonstration (None for all kinds).
         within: Whether observations are permuted within a demonstration instead of between demonstrations.
         either_way: Whether the first value can also be inferred from the second.
     """
@@ -157,9 +158,9 @@ def _sequence(facts: EpisodeFacts) -> str:
 
 
 COUNT, LANDMARK = "count", "landmark"
-"""Names of the questions about whether the number of objects at the start, or a landmark's slot, is constant.
+"""Names of the questions whether the initial number of objects, or a landmark's slot, is constant.
 
-They are not associations and need no test.
+Constants are not associations and are not tested.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"

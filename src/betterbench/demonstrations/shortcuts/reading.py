@@ -1,4 +1,4 @@
-"""Description of the data of an audit: episodes, instructions, grippers and places that were read or left out."""
+"""Description of the data that an audit used: episodes, instructions, grippers and positions read or excluded."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class GripperReading:
 
 @dataclass(frozen=True, slots=True)
 class PlaceReading:
-    """Source of one arm's places.
+    """Source of one arm's positions.
 
     Attributes:
-        arm: Their arm, "" if there is only one.
+        arm: The arm, "" if there is only one.
         source: Columns and components that were read, with the reason.
-        space: Kind of place values: ``position``, ``joints`` (two principal components of the joints), ``numbers`` (two
-            principal components of unnamed values) or ``steps`` (sums of the actions).
+        space: Kind of position values: ``position``, ``joints`` (two principal components of the joints), ``numbers``
+            (two principal components of unnamed values) or ``steps`` (sums of the actions).
     """
 
     arm: str
@@ -62,7 +62,7 @@ class DataReading:
         places: One per arm.
         about: Further sentences about the sources.
         left_out: Data that were not read, with the reason.
-        warnings: Possible reasons for wrong findings.
+        warnings: Problems of the data that may cause wrong findings.
     """
 
     episodes: int
@@ -76,7 +76,7 @@ class DataReading:
     warnings: tuple[str, ...] = ()
 
     def sentences(self) -> Iterator[str]:
-        """Yield the sentences of every audit's first paragraph."""
+        """Yield the sentences of the audit's first paragraph."""
         yield f"Read: {self.episodes:,} of {how_many(self.of, 'episode')}{self.observations}."
         yield f"Instruction: {self.instruction}."
         for found in self.grippers:
@@ -92,7 +92,7 @@ class DataReading:
 
     @property
     def paragraph(self) -> str:
-        """The first paragraph of every audit."""
+        """First paragraph of the audit."""
         return " ".join(self.sentences())
 
 

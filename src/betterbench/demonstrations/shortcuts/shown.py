@@ -1,4 +1,4 @@
-"""Facts of records, derived from the first state and the instruction instead of the condition's name."""
+"""Facts of records, derived from the first state and the instruction; the condition's name is not trusted."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ AT_TARGET_M = 0.20
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: training, variations, and the listed regimes."""
+    """Return all conditions of a task: training, variations, and the listed training distributions."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 
@@ -33,8 +33,8 @@ def every_condition(task: Task) -> tuple[Condition, ...]:
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:
     """Return the conditions that match a record's instruction and first state.
 
-    A first state is described by the object kinds, the slot of each object, the objects already at a target, and the
-    open drawers. Names are not compared.
+    The object kinds, the slot of each object, the objects already at a target and the open drawers are compared, but
+    not the condition's name.
     """
     task = get_task(record.metadata.task)
     said = [c for c in conditions if c.instruction.text == record.metadata.instruction]

@@ -44,7 +44,7 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Test on joint counts (tables, nx, ny): whether a weak association is reported because a value is a certain sign."""
+"""Test on joint counts (tables, nx, ny): whether a weak association is reported because one value is always right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,18 +101,19 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return a sentence about the meaning of a fraction."""
+    """Return a sentence that explains the smallest share."""
     if share is None:
-        return f"with {of}, not even a rule without an exception would be found"
+        return f"with {of}, not even a rule without exceptions would be found"
     if share >= 1.0:
-        return f"with {of}, only a rule without an exception would be found"
+        return f"with {of}, only a rule without exceptions would be found"
     return f"with {of}, a rule would be found if it decides at least {100.0 * share:.0f} % of them"
 
 
 def most_permutations(level: float, tests: int) -> int:
     """Return the number of permutations that may reach the value of the data if the corrected p-value is significant.
 
-    Negative if even zero is too many: the smallest p-value times the number of tests is above the level.
+    The result is negative if the test cannot be significant, because the smallest p-value times ``tests`` exceeds the
+    level.
     """
     least = 1.0 / (1 + PERMUTATIONS)
     most = int(level / (least * tests)) + 1
@@ -188,7 +189,7 @@ class Planted:
         if self.share_found(1.0, threshold, counts, draw) < 1.0:
             return None
         units = int(self.block.max()) + 1
-        # A single random unit cannot be exchanged with another one, so the rule would have no exception.
+        # with a single random unit, nothing is exchanged, so the rule would have no exception
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
         low, high = -1, len(shares) - 1  # not enough, enough
@@ -312,5 +313,5 @@ def shares_line(rules: Iterable[SmallestRule]) -> str:
 
 
 def share_text(share: float | None) -> str:
-    """Return a share for a table ("85 %"), or a text that no rule would be found."""
+    """Return a share for a table ("85 %"), or "none, however strong" if no rule would be found."""
     return "none, however strong" if share is None else f"{100.0 * share:.0f} %"

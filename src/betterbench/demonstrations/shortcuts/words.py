@@ -2,8 +2,8 @@
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
 and Burmese have no such spaces, and finding words there requires a dictionary. Instead, every run of up to
-:data:`LONGEST` characters counts as a word. One of these runs is the word itself, or distinguishes it as well as the
-word does, and runs that always occur together are one finding. Emoji and other symbols are separate words.
+:data:`LONGEST` characters counts as a word. One of these runs is the word itself, or occurs in the same instructions as
+the word, and runs that always occur together give a single finding. Emoji and other symbols are separate words.
 """
 
 from __future__ import annotations
@@ -204,13 +204,13 @@ _BESIDE_PLACES = frozenset(
         "most",
     ]
 )
-"""Words that may accompany them but do not name a place themselves."""
+"""Words that may accompany place words but do not name a place themselves."""
 
 
 def names_a_place(words: Iterable[str]) -> bool:
     """Return whether words that always occur together all name a place, such as "left".
 
-    For runs of characters, one run that names a place is enough: the runs around it are part of it.
+    For character runs, one run that names a place is enough, because overlapping runs contain parts of it.
     """
     kept = frozenset(words)
     return bool(kept & _PLACES) and {w for w in kept if is_spaced(w)} - _BESIDE_PLACES <= _PLACES
@@ -235,7 +235,7 @@ def places_named(text: str) -> str:
 def _runs(text: str) -> tuple[tuple[str, bool], ...]:
     """Return the runs of a text, and whether its script puts spaces between words."""
     plain = unicodedata.normalize("NFKC", text)
-    # Unicode decomposes the Thai and Lao vowel am, which is written as one character.
+    # NFKC decomposes the Thai and Lao vowel "am" into two characters; restore the single character.
     whole = plain.replace("\u0e4d\u0e32", "\u0e33").replace("\u0ecd\u0eb2", "\u0eb3")
     return tuple(_found(_VARIATION.sub("", whole).casefold()))
 

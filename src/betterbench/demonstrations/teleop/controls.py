@@ -83,7 +83,7 @@ class Controls:
     """Collector of the operator's input; ``take`` is called once per control step."""
 
     driver: int | None = None
-    """Number of the page that drives."""
+    """Number of the page that controls the robot."""
     problems: list[str] = field(default_factory=list)
     """Reports of unreadable input, one line each, until they are taken."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -117,14 +117,14 @@ class Controls:
             return drove
 
     def take_over(self, page: int) -> None:
-        """Let another page drive."""
+        """Give control of the robot to another page."""
         with self._lock:
             if page in self._pages and page != self.driver:
                 self._let_go()
                 self.driver = page
 
     def tapped(self, page: int | None, tap: Tap) -> bool:
-        """Register a press on a page (None for a device); return False if the page does not drive."""
+        """Register a press on a page (None for a device); return False if the page does not control the robot."""
         with self._lock:
             if page is not None and page != self.driver:
                 return False
@@ -143,7 +143,7 @@ class Controls:
             return True
 
     def sent(self, page: int, text: str, now_s: float) -> bool:
-        """Process a message from the script of a page; return False for a command from a page that does not drive."""
+        """Process a message from a page; return False for a command if the page does not control the robot."""
         try:
             form = read_keys(text)
         except BetterError as problem:
@@ -184,15 +184,15 @@ class Controls:
             self._tell(problem)
 
     def hold_from(self, tool: Pose) -> None:
-        """Restart following the leader arm from the current target of the tool."""
+        """Follow the leader arm's motion anew, relative to the tool's current target."""
         with self._lock:
             self._grip += 1
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often following the leader arm was started, and the tool target at the last start.
+        """Return how often :meth:`hold_from` was called, and the tool target of the last call.
 
-        Returns None before the first start.
+        The target is None before the first call.
         """
         with self._lock:
             return self._grip, self._tool

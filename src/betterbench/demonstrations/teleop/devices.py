@@ -32,7 +32,7 @@ SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
 RENEW_S = 0.1
 """Period at which an unchanged deflection is renewed [s], because the kernel reports only changes."""
 SPRUNG_S = 0.15
-"""Time after which an unreported relative axis is treated as released [s]."""
+"""Time without an event after which a relative axis counts as released [s]."""
 
 _SPACE_MOUSE_VENDORS = {0x256F}
 _OLD_SPACE_MOUSE = (0x046D, range(0xC603, 0xC62C))  # 3Dconnexion devices with the vendor id of Logitech

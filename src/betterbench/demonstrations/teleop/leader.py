@@ -1,8 +1,8 @@
-"""LeRobot leader arm, read by lerobot's own teleoperator class and followed by the tool of the simulated arm.
+"""LeRobot leader arm that moves the tool of the simulated arm, read by lerobot's own teleoperator class.
 
-A robot with the leader's joints mirrors them: its tool goes where the leader's joint angles would put it, as soon as
-the operator has brought the leader to the robot. Any other robot has another reach. It follows the leader's tool: the
-tool's motion since following began, in the leader's base frame, is applied to the robot's tool.
+If the robot has the same joints as the leader, its tool moves to the pose given by the leader's joint angles, once the
+operator has moved the leader near the robot's pose. For any other robot, the motion of the leader's tool since
+following began, in the leader's base frame, is applied to the robot's tool.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SCALE = 1.5
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
 """Leader gripper positions (0 closed to 100 open) at which the robot's gripper closes and opens."""
 MEETING_M = 0.05
-"""Distance of the leader's tool from the robot's within which a robot with the leader's joints follows [m]."""
+"""Maximum distance between the tools of leader and robot at which a robot with the same joints begins to follow [m]."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
 """Maximum number of consecutive failed readings before the leader is disconnected: half a second."""
@@ -54,8 +54,8 @@ _TOOL_AT_ZERO: Vector = (0.39136, -0.00001, 0.22647)
 def leader_tool(degrees: Mapping[str, float]) -> Pose:
     """Return the pose of an SO-101's tool in its base frame, from its joint angles [degree] by name.
 
-    The tool frame is parallel to the base frame if all joints are at zero. InvalidInputError if an angle is missing or
-    not finite.
+    The tool frame is parallel to the base frame if all joints are at zero. Raises InvalidInputError if an angle is
+    missing or not finite.
     """
     pose = Pose()
     for name, (point, axis) in zip(JOINTS, _SCREWS, strict=True):
@@ -97,8 +97,8 @@ class Follower:
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose, bool]:
         """Return the target of the robot's tool, and whether its gripper should be closed.
 
-        ``gripper`` is the position of the leader's gripper, 0 closed to 100 open. InvalidInputError before
-        ``take_hold``.
+        ``gripper`` is the position of the leader's gripper, 0 closed to 100 open. Raises InvalidInputError
+        before ``take_hold``.
         """
         if self._leader is None:
             raise InvalidInputError("leader arm", "take_hold was not called", "Call take_hold first")
@@ -110,10 +110,10 @@ class Follower:
 
 
 class Mirror:
-    """Conversion for a robot with the leader's joints: its tool goes where the leader's joint angles would put it.
+    """Conversion for a robot with the leader's joints: its tool moves to the pose given by the leader's joint angles.
 
-    The robot stays until the leader's tool has been within :data:`MEETING_M` of the robot's, so that it neither jumps
-    at the start nor returns to a place that was undone.
+    The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool, so that it
+    neither jumps at the beginning nor returns to an undone pose.
     """
 
     def __init__(self, spec: RobotSpec) -> None:
@@ -127,12 +127,12 @@ class Mirror:
         return self._ik.forward(np.array([math.radians(_angle(degrees, name)) for name in self._names]))
 
     def take_hold(self, robot: Pose, leader: Pose) -> None:
-        """Wait until the leader meets the robot's tool."""
+        """Wait until the leader's tool is near the robot's tool."""
         self._robot = robot
         self._has_met = distance(robot.position, leader.position) < MEETING_M
 
     def follow(self, leader: Pose, gripper: float) -> tuple[Pose | None, bool]:
-        """Return the leader's tool once it has met the robot's, and whether the gripper should be closed.
+        """Return the leader's tool pose once it has been near the robot's, and whether the gripper should be closed.
 
         Until then, the target is None and the gripper keeps its state.
         """

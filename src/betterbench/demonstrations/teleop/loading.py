@@ -27,7 +27,7 @@ class SessionLoader:
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, start: Start) -> None:
-        """Begin to create the session for a start. The previous session must have been taken."""
+        """Begin to create the session for an initial state. The previous session must have been taken."""
         if not self._apart:
             self._made = self._make(start)
             return
@@ -35,10 +35,7 @@ class SessionLoader:
         self._thread.start()
 
     def take(self) -> TeleopSession | None:
-        """Return the finished session, or raise the error that occurred while creating it.
-
-        None while it is being created.
-        """
+        """Return the finished session, or None while it is being created; raise the error if creating it failed."""
         if self.is_busy:
             return None
         self._thread = None

@@ -30,7 +30,7 @@ EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 the viewer."""
 PANEL_PX, IMAGES_PX = 380, 300
 TOLD_EVERY_S = 3.0
-"""Minimum interval between notices to a page that does not drive (control the robot) [s]."""
+"""Minimum interval between notices to a page that does not control the robot [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class PanelState:
         share: Share of the episode's steps that have been used.
         status: Episode state, in a few words.
         tone: "go", "wait", "good" or "bad": the color of the status.
-        notice: Reason why the tool cannot follow or a request failed; "" if there is none.
+        notice: Reason why the tool cannot follow or a request failed; empty otherwise.
         said: The last messages, newest last.
         undo_to: Name of the moment to which an undo returns.
         closed: Whether the gripper should be closed.
@@ -182,7 +182,7 @@ class Page:
         if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):
             return
         self._told[page] = now
-        text = "Another page drives. Press “Drive from this page” to take over."
+        text = "Another page controls the robot. Press “Drive from this page” to take over."
         client.add_notification("Looking on", text, auto_close_seconds=6.0, color="yellow")
 
     def _build_scene(self) -> None:
@@ -217,7 +217,9 @@ class Page:
         self._save = self._button("Save  ⏎", "save", "green", "Saves the demonstration; the next start follows.")
         self._save.disabled = True
         self._button("Reset to the start", "restart", "gray", "Restarts this demonstration.")
-        self._button("Discard, next start", "discard", "red", "Saves nothing; this start comes again later.")
+        self._button(
+            "Discard, next start", "discard", "red", "Discards the demonstration; this start is repeated later."
+        )
         self._speed = gui.add_slider(
             "speed [%]", min=round(100 * SLOWEST), max=100, step=5, initial_value=60, hint="Share of the full speed."
         )

@@ -118,7 +118,7 @@ class TeleopSession:
 
     @property
     def phase(self) -> SessionPhase:
-        """Phase of the episode: it ends when it succeeds or its steps are used up."""
+        """Current phase of the episode, which ends on success or at the step limit."""
         if self.truth.success:
             return "success"
         return "step_limit" if self.steps >= self.limit else "going"
@@ -149,7 +149,9 @@ class TeleopSession:
         Raises InvalidInputError if a number of the command is not finite; the session is then unchanged.
         """
         if (command.target is not None and not is_finite(command.target)) or not np.isfinite(command.speed):
-            raise InvalidInputError("command", "its pose is not finite", "Send finite numbers; the arm does not move")
+            raise InvalidInputError(
+                "command", "its pose is not finite, so the arm does not move", "Send finite numbers"
+            )
         if self.phase != "going":
             return self.state
         now = self.state.commanded_pose
@@ -205,7 +207,7 @@ class TeleopSession:
         ends: dict[SessionPhase, tuple[Termination, str | None]] = {
             "success": ("success", None),
             "step_limit": ("step_limit", None),
-            "going": ("interrupted", "the person stopped"),
+            "going": ("interrupted", "the operator stopped"),
         }
         termination, error = ends[self.phase]
         clipped = self.scene.action_space.count_clipped(builder.actions)

@@ -141,7 +141,7 @@ class Station:
         self._show(asked)
 
     def _obey(self, taps: Sequence[Tap]) -> None:
-        """Execute the taps up to one that changes the start; later taps were not meant for the new start."""
+        """Execute taps up to the first that changes the start; later taps referred to the old start and are dropped."""
         for tap in taps:
             before = self._starts
             self._do[tap]()
@@ -150,7 +150,9 @@ class Station:
 
     def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
         """Take a control step toward the requested target, unless the episode is paused."""
-        if asked.driver != self._driver:  # the operator in control has given no command yet
+        if (
+            asked.driver != self._driver
+        ):  # another page has taken control: keep the current target until it gives a command
             self._driver, self._target = asked.driver, None
             self._controls.hold_from(session.state.commanded_pose)
         if asked.closed is not None:
@@ -239,7 +241,7 @@ class Station:
         """Check an episode that has ended."""
         self._found = session.finished(self._name)
         if session.phase == "step_limit":
-            self._say("the steps are used up: undo, or reset")
+            self._say("the step limit is reached: undo, or reset")
         elif self._found.note.failure:
             kept = "it can be saved, with this note" if can_keep(self._found) else "undo, and do it again"
             self._say(f"{self._found.note.failure}: {self._found.note.reason} ({kept})")

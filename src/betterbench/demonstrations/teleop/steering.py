@@ -16,7 +16,7 @@ LOWEST_TIP_M = 0.002
 """Minimum height of the fingertips above the table that the operator can command [m]."""
 SLOWEST = 0.1
 """Minimum fraction of the full speed."""
-OUT_OF_REACH = "out of reach: the arm goes as far as it can"
+OUT_OF_REACH = "out of reach: the arm moves as far as it can"
 IN_THE_TABLE = "below the table: the fingers stop above it"
 
 

@@ -29,7 +29,7 @@ from betterbench.tasks.trial import Trial
 FIRST_TELEOPERATED_SEED = 500_000_000
 """Default first seed for teleoperated demonstrations, far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""Failures that do not prevent saving a human demonstration; they are noted in the demonstration."""
+"""Failure kinds with which a human demonstration can be saved; they are noted in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class TeleopPlan:
     Attributes:
         tasks: Names of the tasks.
         demos: Demonstrations per training condition.
-        condition: The only training condition, or None for all.
-        first_seed: Seed from which starts are chosen.
+        condition: Training condition to demonstrate, or None for all.
+        first_seed: Seed from which initial states are chosen.
         quality: Render preset of the stored scenes.
     """
 
@@ -51,7 +51,7 @@ class TeleopPlan:
     quality: str = "standard"
 
     def starts(self) -> tuple[Start, ...]:
-        """Return the planned starts, alternating between all conditions.
+        """Return the planned initial states, alternating between all conditions.
 
         Raises:
             InvalidInputError: If a number is out of range, or no task has the condition.
@@ -59,7 +59,7 @@ class TeleopPlan:
         """
         tasks = [get_task(name) for name in dict.fromkeys(self.tasks)]
         if not tasks:
-            raise InvalidInputError("--tasks", "no task is named", "Name one, as better list tasks shows them")
+            raise InvalidInputError("--tasks", "no task is given", "Give at least one (see better list tasks)")
         if self.condition is not None:
             for task in tasks:
                 task.train(self.condition)
@@ -119,11 +119,11 @@ class DemonstrationStore:
         return next(iter(first or left), None)
 
     def put_off(self, start: Start) -> None:
-        """Postpone a start after the others."""
+        """Move an initial state behind all others."""
         self._put_off.append(start)
 
     def scene(self, start: Start) -> Scene:
-        """Return the scene of a start."""
+        """Return the scene of an initial state."""
         task = get_task(start.task)
         quality = quality_preset(self.wanted.quality)
         return Scene(task, task.train(start.condition), seed=start.seed, action_space=EE_DELTA, quality=quality)

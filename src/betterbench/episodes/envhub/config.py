@@ -80,7 +80,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
             raise InvalidInputError(
                 "--env.task",
                 f"{self.task!r} stands for {len(named)} conditions, but this LeRobot evaluates one at a time",
-                "Name one condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
+                "Give one condition, such as fast_food/T1, or install LeRobot 0.5 or newer",
             )
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}

@@ -41,13 +41,13 @@ def render_shots(
 ) -> dict[Shot, bytes]:
     """Return one JPEG per shot, with sides of ``size`` pixels. Shots of the same scene share a model.
 
-    Another world draws the images of its own runs; LIBERO uses its front camera.
+    Runs in other worlds are rendered by the world's own simulator; LIBERO uses its front camera.
 
     ``on_progress`` is called with the number of images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If no off-screen OpenGL works here, or the world of the run cannot draw.
+        MissingDependencyError: If no off-screen OpenGL works here, or the world of the run cannot render images.
         WorldError: If the simulator of the world fails.
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
@@ -130,7 +130,7 @@ def film_record(
     every: int = 1,
     on_progress: OnCount | None = None,
 ) -> None:
-    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows, from the open scene of a view.
+    """Write the video of a record (H.264 in MP4) with one frame per ``every`` rows; ``view`` has the open scene.
 
     ``on_progress`` is called with the number of frames done and planned.
     """

@@ -68,19 +68,19 @@ _RIGHT = {
     "succeed": "the goal can be reached",
     "refuse": "correct: refuse",
     "stay_still": "correct: stay still",
-    "ambiguous": "ambiguous: no behavior is a failure",
+    "ambiguous": "ambiguous: no right behavior",
 }
 """Correct behavior in a test scene, in words."""
 
 
 def card_title(variation: Variation) -> str:
-    """Return the changes of a variation, and the correct behavior unless this is to reach the goal."""
+    """Return the changes of a variation, followed by the correct behavior if it differs from reaching the goal."""
     right = "" if variation.expected is Expected.SUCCEED else f" ({_RIGHT[variation.expected.value]})"
     return f"{variation.name}: {_printable(variation.title)}{right}"
 
 
 def _printable(text: str) -> str:
-    """Replace arrows in a text, which the built-in font lacks."""
+    """Replace arrows, which the built-in font lacks."""
     return text.replace("→", ">")
 
 

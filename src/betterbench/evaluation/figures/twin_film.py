@@ -26,10 +26,10 @@ OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
 _CONTROLS = 0.14
-"""Space below the images for player controls, which cover the image while a video is paused."""
+"""Height of the space below the images, where a player shows its controls while the video is paused."""
 
 _HOLD_S = 1.0
-"""Duration of the start image with the complete path, and of the last state [s of the video]."""
+"""Duration for which the first image (with the complete path) and the last state are shown [s of the video]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class FilmLook:
 
 @dataclass(frozen=True, slots=True)
 class TwinFilm:
-    """Video (H.264 in MP4) with its cover image as JPEG: the start of both trials with their complete paths."""
+    """Video (H.264 in MP4), and its cover image (JPEG): the initial states of both trials with their complete paths."""
 
     clip: bytes
     still: bytes
@@ -91,7 +91,7 @@ def render_paths(
     look: FilmLook = FilmLook(),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return the start image (JPEG) of each trial (task, condition, seed) with the end-effector path overlaid.
+    """Return an image (JPEG) of the initial state of each trial (task, condition, seed), with the end effector's path.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -114,7 +114,7 @@ def render_strips(
     look: FilmLook = FilmLook(size=160),
     on_progress: OnCount | None = None,
 ) -> dict[tuple[str, str, int], bytes]:
-    """Return one JPEG per trial: the start with the complete path, then evenly spaced states with the path so far.
+    """Return one JPEG per trial: the initial state with the complete path, and later states with the path until then.
 
     Raises the errors of :func:`render_paths`.
     """
@@ -192,7 +192,7 @@ def _film(
     speed = max(1.0, lasting_s / look.longest_s) if look.longest_s else 1.0
     times = np.append(np.arange(0.0, lasting_s, speed / look.rate_hz), lasting_s)
     hold = round(_HOLD_S * look.rate_hz)
-    still = layout.sheet([side.start for side in sides], "start, with the whole path")
+    still = layout.sheet([side.start for side in sides], "initial state, complete path")
     with av.open(target, "w", format="mp4") as container:
         container.metadata["comment"] = mark_of("replay")
         stream = container.add_stream("libx264", rate=look.rate_hz, options={"crf": "27", "preset": "veryfast"})

@@ -1,6 +1,6 @@
 """Images of recorded states with visible objects, rendered from the stored scene.
 
-This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks are another.
+They are returned as :class:`~betterbench.interface.state.FrameView`, like materialized masks.
 """
 
 from __future__ import annotations
@@ -70,14 +70,16 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Render a row from every camera requested so far, because the others are usually requested right after."""
+        """Render a row from every camera requested so far, because a caller usually requests all cameras of a row."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
         self._limited.open_of(self._run, record)
         facts, _ = self._limited.prepare(views, ("rgb", "boxes"), gripper=True)
         if len(facts.object_bodies) != len(record.metadata.scene.objects):
-            raise RecordError("stored scene: its objects are not those of the record (different trials).")
+            raise RecordError(
+                "The stored scene and the record have different objects, so they belong to different trials."
+            )
         ((*sights,),) = self._limited.sights(record.qpos[row : row + 1], jitter=record.metadata.view_jitter)
         photos = {}
         for name, sight, focal_px in zip(self._cameras, sights, facts.focal_px, strict=True):

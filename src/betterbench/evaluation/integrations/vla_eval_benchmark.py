@@ -59,21 +59,21 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     Args:
         run: Run folder. An interrupted run is resumed, with the results of finished trials from their records.
-        policy: Policy name in the report ("pi0-libero"), which benchmarks do not get from the harness.
+        policy: Policy name in the report ("pi0-libero"); the harness does not pass it to a benchmark.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or one comma-separated string; by default all of better60.
         trials: Trials per condition; must equal ``episodes_per_task``.
         seed: First seed.
         adapter: Name of an adapter preset, or a JSON file: the layout of requests and answers.
-        cameras: Our camera for one of the adapter's keys ({"images/agentview": "left_shoulder"}).
+        cameras: Camera to use for a key of the adapter ({"images/agentview": "left_shoulder"}).
         observation: Name of an observation preset; "state_only" renders no images.
         quality: Name of a render preset.
         send_wrist_image: True to send the wrist image; model servers usually request it themselves.
         send_state: True to send the robot's state; model servers usually request it themselves.
         absolute_action: True if the model server answers with absolute poses; model servers declare this themselves.
             It requires an adapter that reads ``ee_pose``.
-        quat_no_antipodal: Always true here: rotation vectors in the state are continuous around a tool that points
-            down, as in robosuite's data. Model servers request it.
+        quat_no_antipodal: Must be True, which model servers request: rotation vectors in the state are continuous while
+            the tool points down, as in robosuite's data.
     """
 
     render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
@@ -83,7 +83,9 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def configure_render(cls, mode: str) -> dict[str, str]:
         """Choose the renderer: OSMesa for "cpu"; for "gpu" the renderer in the environment, or else EGL."""
         if mode == "cpu" and "mujoco.egl" in sys.modules:
-            raise InvalidInputError("render", "EGL was loaded before cpu was chosen", "Unset MUJOCO_GL")
+            raise InvalidInputError(
+                "render", "EGL is already loaded, so cpu rendering cannot be chosen", "Unset MUJOCO_GL"
+            )
         applied: dict[str, str] = configure_mujoco_render(mode)
         return applied
 
@@ -107,7 +109,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         """Resolve all names. The run folder is created at the start of the first episode."""
         super().__init__()
         if not quat_no_antipodal:
-            raise InvalidInputError("quat_no_antipodal", "must be true", "Leave it out")
+            raise InvalidInputError("quat_no_antipodal", "must be True", "Leave it out")
         self._recorder = NullEpisodeRecorder()
         self.adapter = _shaped(
             own_preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
@@ -169,7 +171,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Execute the answer of the model server. As in better eval, an invalid answer ends the episode."""
+        """Execute the action of the model server. As in better eval, an invalid action ends the episode."""
         run, seen = self._run, self._seen
         if run is None or seen is None:
             raise InvalidInputError("step", "there is no current episode", "Call reset first")
@@ -204,8 +206,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Return the episode's result.
 
-        An episode that the harness ends early (``max_steps``) is a failure for the harness. In the report, the trial is
-        not run, because the policy might still have succeeded.
+        The harness counts an episode that it ends early (``max_steps``) as a failure. The report counts this trial as
+        not run, because the policy might have succeeded later.
         """
         if self._in_episode and self._run is not None:
             self._in_episode = False
@@ -217,7 +219,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return the values that the harness averages: success, and the fractions of broken and shortened episodes."""
+        """Return the metrics that the harness averages: success, broken episodes and shortened episodes."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
@@ -254,7 +256,9 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             return {key[-1]: np.zeros(count, dtype=np.float32) for key, count in columns.items()}
         if last_action is not None and neutral is None:
             return last_action
-        raise NotImplementedError("the live mode needs an action that keeps the robot still, but this adapter has none")
+        raise NotImplementedError(
+            "the live mode needs an action that keeps the robot still, but this adapter does not define one"
+        )
 
     def render(self) -> np.ndarray | None:
         """Return the current image of the first camera, or None if there is none."""
@@ -284,7 +288,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 return trial
         raise InvalidInputError(
             "episodes_per_task",
-            f"episode {episode} of {task['name']} is not among the {self._trials} trials of the plan",
+            f"episode {episode} of {task['name']} exceeds the {self._trials} trials per condition of the plan",
             f"Set both to the same number: params.trials: {episode + 1}",
         )
 
@@ -320,7 +324,7 @@ def _stop_run() -> Iterator[None]:
 
 
 def _shaped(adapter: Adapter, cameras: dict[str, str], observation: str, *, wrist: bool, state: bool) -> Adapter:
-    """Return the adapter without images and states that are not sent."""
+    """Return the adapter without the images and states that are not sent to the model server."""
     shown = adapter.with_cameras(cameras)
     views = tuple(v for v in shown.views if wrist or "wrist" not in v.key[-1])
     if not observation_spec(observation).cameras:

@@ -17,7 +17,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")
 _MAX_FILE_BYTES = 1 << 20
 _DISTRIBUTION = "betterbench"
-_LEFT_OUT = "dev"  # results do not depend on the requirements of tests and linters
+_LEFT_OUT = "dev"  # the extra with test tools and linters, which do not affect results
 
 
 def describe_machine() -> dict[str, object]:

@@ -1,7 +1,7 @@
 """Run manifest: the context at the start of a run, stored in ``run.json``.
 
-Because another machine may resume a run, only one part is compared then: the policy's declaration, since another
-checkpoint behind the same address would mix two policies in one run.
+A run may be resumed on another machine, so only the policy's declaration is compared on resuming: another checkpoint
+at the same address would mix two policies in one run.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
     """Return the context of a new run.
 
     ``policy`` is the policy's declaration, from :func:`describe_policy`; ``engine`` has "name",
-    "workers", "envs" and, where a warm-up chooses their number, "most_envs".
+    "workers", "envs" and, if a warm-up chooses the number of environments, "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}
@@ -69,7 +69,7 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
-        return None  # the run is older than the descriptions of policies in runs
+        return None  # older runs have no description of the policy
     difference = first_difference(known, json.loads(dump_json(policy)), "policy")
     if difference is None:
         return None
@@ -81,7 +81,7 @@ def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: boo
     """Check that the policy's declaration is unchanged since the start of the run, and record an allowed change.
 
     Raises:
-        RunConflictError: If the declaration has changed and this is not allowed; the message has both values.
+        RunConflictError: If the declaration has changed and ``allow_changed`` is False; the message has both values.
     """
     difference = policy_difference(run, policy)
     if difference is None:

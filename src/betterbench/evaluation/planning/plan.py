@@ -63,7 +63,7 @@ class Plan:
         if not varied or not wanted <= planned:
             what = "a variation" if not varied else str(min(wanted - planned, key=str))
             raise InvalidInputError(
-                "trials", f"{what} is missing, but --until-decided needs every pair", "Plan the run again"
+                "trials", f"{what} is missing, but --until-decided needs the twin of every trial", "Plan the run again"
             )
 
     def _require_robot(self) -> None:
@@ -73,8 +73,10 @@ class Plan:
         for name in dict.fromkeys(t.task for t in self.trials):
             needed = get_task(name).robot
             if needed != self.robot:
-                problem = f"{name} is laid out for the robot {needed!r}, and the run has {self.robot!r}"
-                raise InvalidInputError("robot", problem, f"Run it with {needed!r}, apart from tasks of other robots")
+                problem = f"{name} is laid out for robot {needed!r}, but the run uses {self.robot!r}"
+                raise InvalidInputError(
+                    "robot", problem, f"Run it with --robot {needed}, separately from tasks for other robots"
+                )
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict, with all versions and conventions that affect results."""
@@ -119,9 +121,9 @@ def make_plan(
     trials in total as the variations, evenly distributed, including the variations' twins. Each trial in a plan for
     some variations ("L1", "fast_food/T1") is also in the plan for all variations, so the plans share a certificate.
     Without ``action_space``, the actions are in the robot's usual action space. With ``looks`` "unseen", objects and
-    rooms have looks that do not occur in demonstrations.
+    rooms have an appearance that does not occur in demonstrations.
 
-    The robot is by default the one that the first task is laid out for.
+    The default robot is the robot for which the first task is laid out.
 
     With ``until_decided``, ``trials`` is the maximum per variation, and of the training conditions only the twins are
     run.

@@ -9,10 +9,10 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
-"""Assumed share of pairs that differ in the opposite direction, for the second figure of :func:`what_trials_show`.
+"""Assumed share of pairs that differ in the opposite direction, for the second number of :func:`what_trials_show`.
 
-Two policies usually fail on different trials; the first figure holds if one policy fails on a subset of the other's
-failures.
+The first number assumes that one policy fails on a subset of the trials on which the other fails. Usually, both fail
+on some trials on which the other succeeds.
 """
 
 
@@ -55,7 +55,7 @@ def smallest_drop_line(plan: Plan) -> str:
     """Return a short sentence with the smallest drop over all variations that a plan's trials can detect."""
     pairs = sum(t.variation is not None and not t.ambiguous for t in plan.trials)
     if not pairs:
-        return "None tests a variation: the trials only show how well the training conditions were learned."
+        return "No trial tests a variation: the trials only show how well the training conditions were learned."
     found = _smallest(pairs, pairs, opposite=0.0)
     told = f"They can show an overall drop of {found} points" if found else "They are too few to show any drop"
     return f"{told} (details: --explain-power)."
@@ -75,9 +75,9 @@ def _listed(parts: list[str]) -> str:
 
 
 def _smallest(fewest: int, most: int, *, opposite: float) -> str:
-    """Return the smallest detectable differences, for the most and the fewest pairs, in points.
+    """Return the smallest detectable differences in points, for the largest and the smallest number of pairs.
 
-    The result is empty if none.
+    The result is an empty string if no difference can be detected.
     """
     values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
     return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

@@ -23,7 +23,7 @@ from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.trial import Trial
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
-"""Plan entries excluded from the comparison, because they are read back or cannot change results by themselves."""
+"""Plan fields that are not compared: the new plan takes over the first two, and the last cannot change results."""
 
 
 @open_form
@@ -75,8 +75,8 @@ def repeated_plan(
     run = _open(path)
     where = run.path / "run.json"
     if not run.world.measured:
-        problem = f"{where} is a run in {run.world.title}, where runs are not repeated"
-        raise InvalidInputError("--from", problem, "Give its --suite and options again")
+        problem = f"{where} is a run in {run.world.title}, and only runs in betterbench's own world can be repeated"
+        raise InvalidInputError("--from", problem, "Give --suite and the other options of that run instead")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
         require_trust(stored.policy, where=str(where))
@@ -108,7 +108,7 @@ def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
     if difference is not None:
         raise RunConflictError(
             f"{path}: the policy at {policy.get('address')} is not the policy of this run: {difference}. Start "
-            "the original policy again, or give --allow-changed-policy and treat the results as another policy's."
+            "the original policy again, or give --allow-changed-policy and treat the results as a different policy."
         )
 
 
@@ -119,7 +119,7 @@ def _open(path: Path) -> RunFolder:
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
     """Yield the differences between a stored and a new plan that affect results, with both values.
 
-    A stored plan without a robot is one of the Panda.
+    A stored plan without a robot used the Panda.
     """
     there = {"robot": USUAL_ROBOT} | dict(there)
     here = json.loads(dump_json(plan.to_json()))

@@ -12,7 +12,7 @@ from betterbench.tasks.trial import Trial
 
 
 class Schedule:
-    """Schedule of the trials in a plan, which depends only on the plan and the outcomes so far.
+    """Schedule of the trials in a plan. It depends only on the plan and the outcomes so far.
 
     Attributes:
         plan: The plan.
@@ -54,8 +54,8 @@ class Schedule:
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the unfinished trials of each round.
 
-        The next round is computed on request, when the trials of the previous round must be finished. A broken trial
-        ends the rounds; the same command runs the trial again and continues.
+        Request the next round only when the trials of the previous round have ended. A broken trial ends the rounds;
+        the same command runs this trial again and continues.
         """
         if self.plan.until_decided is None:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]

@@ -1,4 +1,4 @@
-"""Risks of a policy named by a file, which require the user's consent."""
+"""Risks of evaluating a policy whose address comes from a file, which require the user's consent."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def risks_of(address: str) -> tuple[str, ...]:
 
 
 def require_trust(address: str, *, where: str) -> None:
-    """Check that a policy named by a file runs no code and sends no secret.
+    """Check that evaluating a policy whose address comes from a file neither runs code nor sends a secret.
 
     ``where`` is the file, for the error.
 

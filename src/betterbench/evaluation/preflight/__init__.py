@@ -1,1 +1,1 @@
-"""Preflight check: requests to a policy before a run, with the policy's inputs and answers."""
+"""Preflight check of a policy before a run: conventions, inputs, actions and latency."""

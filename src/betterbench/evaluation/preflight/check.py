@@ -158,12 +158,14 @@ def run_preflight(
     before the comparison.
 
     Raises:
-        BetterError: If the policy does not answer, declares other conventions than the run, or gives an invalid answer.
+        BetterError: If the policy does not answer, its conventions differ from the run's, or its actions are invalid.
     """
     needs = needs_of(policy)
     if needs.trial:
         raise InvalidInputError(
-            f"policy {policy}", "a replay policy has no answers to check", "Look at its run with better report"
+            f"policy {policy}",
+            "a replay policy only repeats recorded actions",
+            "Inspect the replayed run with better report",
         )
     found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
@@ -310,13 +312,13 @@ def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
     height, width = rendered.shape[:2]
     parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:
-        return ", ".join([*parts, "shown as it is"])
+        return ", ".join([*parts, "unchanged"])
     if rule.turn:
-        parts.append(f"turned by {rule.turn} degrees")
+        parts.append(f"rotated by {rule.turn} degrees")
     if rule.mirror:
         parts.append("mirrored")
     if rule.keep < 1.0:
-        parts.append(f"the middle {rule.keep:.0%} kept")
+        parts.append(f"center crop of {rule.keep:.0%}")
     if rule.width is None or (rule.width, rule.height) == (width, height):
         parts.append("size kept")
     else:

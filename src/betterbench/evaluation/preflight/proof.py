@@ -1,11 +1,11 @@
-"""Replay proof: a policy gets the observations of a demonstration, and its answers must follow the same path.
+"""Replay proof: a policy gets the observations of a demonstration, and its actions must follow the same path.
 
-At every request, it gets the observation from the demonstration. The path of its consecutive answers is compared with
-the demonstration's path, axis by axis. If actions are read in wrong units, in a wrong frame or with a wrong sign, the
-path is stretched, rotated or mirrored; the factor of each axis shows by how much. The answers are also executed in a
-separate scene, which shows how far the end effector ends from the end of the demonstration.
+The path commanded by the policy's consecutive actions is compared with the demonstration's path, axis by axis. If
+actions are read in wrong units, in a wrong frame or with a wrong sign, the path is scaled, rotated or mirrored; the
+factor of each axis shows by how much. The actions are also executed in a separate scene, to measure the distance
+between the final end-effector position and the end of the demonstration.
 
-Paths consist of commanded poses, which the arm follows with a delay of a few control steps.
+Paths consist of commanded poses; the arm follows them with a delay of a few control steps.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 MAX_REQUESTS = 100
-"""Maximum number of requests of a proof: a demonstration in chunks of five, or single steps to the first object."""
+"""Maximum number of requests of a proof, enough for a demonstration in chunks of five actions; with single actions,
+the path to the first object."""
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
 """Minimum range of a demonstration along an axis for computing a factor [m, rad]."""
 
 FOLLOWS = 0.7
-"""Minimum agreement of a policy that follows the demonstration: cosine between its steps and those of the
-demonstration, on each axis.
-"""
+"""Minimum agreement on each axis, as the cosine between the steps of the policy and of the demonstration, for a policy
+that follows the demonstration."""
 
 PROVEN = 0.02
 """Maximum deviation of a factor from 1 at which the conventions of its axis count as proven."""
@@ -106,7 +106,7 @@ class ReplayProof:
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """The axes, and "gripper", with conventions that the demonstration proves wrong."""
+        """The axes (and "gripper") whose conventions differ from the demonstration's."""
         if not self.follows:
             return ()
         names = [axis.name for axis in self.moved if not 1.0 / WRONG < (axis.factor or 0.0) < WRONG]
@@ -149,12 +149,12 @@ class ReplayProof:
 _KNOWN = (
     (4.0, "A checkpoint trained on LIBERO moves 0.0125 m per unit: give units=libero_measured, or its suite's preset."),
     (0.25, "The policy moves 0.05 m per unit, as our demonstrations do: give units=libero."),
-    (20.0, "The policy's units are 0.05 m and not meters: give units=libero."),
-    (80.0, "The policy's units are 0.0125 m and not meters: give units=libero_measured."),
+    (20.0, "The policy's unit is 0.05 m instead of 1 m: give units=libero."),
+    (80.0, "The policy's unit is 0.0125 m instead of 1 m: give units=libero_measured."),
     (0.05, "The policy answers in meters: give units=physical."),
     (0.0125, "The policy answers in meters: give units=physical."),
 )
-"""Factors of the translation, and their causes."""
+"""Known factors of the translation, with cause and remedy."""
 
 
 def prove_by_replay(
@@ -271,7 +271,7 @@ class _Demonstration:
 
 
 class _Paths:
-    """Paths produced by the demonstration and by the answers, sampled at the end of each answer."""
+    """Paths of the demonstration and of the policy's actions, sampled at the end of each action chunk."""
 
     units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
     names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")

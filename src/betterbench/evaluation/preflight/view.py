@@ -80,7 +80,8 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
         trial=f"{found.trial}, at reset",
         prompt=found.prompt,
         shown=found.shown,
-        no_images="No images: " + ("the run renders none." if found.info.needs_images else "this policy uses none."),
+        no_images="No images: "
+        + ("this run does not render them." if found.info.needs_images else "this policy does not use them."),
         state=tuple((key, numbers_text(values)) for key, values in found.state),
         facts=_facts(found, aim - start, path[-1] - start),
         latency=(
@@ -98,7 +99,7 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
     """Return lines about an answer: end-effector motion [m] caused by the first action and by the complete answer."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
-    ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),)
+    ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from the initial position"),)
     return (
         ("answer", f"{_counted(len(found.actions))} of {space.dim} numbers, {space.name}"),
         ("first action", _listed(action, space.components)),
@@ -112,7 +113,7 @@ def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
-    """Return the end effector's position after the first action, (3,) in the base frame [m]."""
+    """Return the end effector's position (3,) after the first action, in the base frame [m]."""
     space, pose = scene.action_space, scene.state().ee_pose
     applied = space.clip(action)[:3]
     if space.name.startswith("ee_delta"):

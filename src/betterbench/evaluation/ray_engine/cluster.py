@@ -22,8 +22,8 @@ class Cluster:
 
     Attributes:
         address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, a new cluster on this machine.
-        replicas: Copies of a policy that runs inside the run (a checkpoint, or a policy that supports batches).
-        replica_gpus: GPUs of each replica; None for one if the cluster has any.
+        replicas: Copies of a policy that runs in process (a checkpoint, or a policy that supports batches).
+        replica_gpus: GPUs of each replica; None for 1 if the cluster has GPUs, otherwise 0.
     """
 
     address: str | None = None
@@ -64,4 +64,4 @@ def require_ray(cluster: Cluster) -> None:
 
 
 ANYWHERE = Cluster()
-"""The cluster from the environment, or this machine."""
+"""Default cluster: RAY_ADDRESS, or a new cluster on this machine."""

@@ -1,7 +1,7 @@
 """Runs on a Ray cluster, with workers and replicas of the policy as actors.
 
-No shared file system is needed. Workers send finished records to the driver process, and only this process writes. When
-a worker dies, only its running trials are lost, and other workers repeat them.
+No shared file system is needed: workers send finished records to the driver process, which writes all files. If a
+worker dies, other workers repeat its unfinished trials.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def ray_entries(
     the policy runs in replicas; ``steps`` counts the steps reported by workers.
 
     Raises:
-        InvalidInputError: If the cluster has no free resources or other versions.
+        InvalidInputError: If the cluster has no free resources, or its machines have other versions.
         WorkerError: If workers keep dying or cannot start, or the cluster is gone.
         BetterError: If an error stops the run: a broken premise, a full disk, an unreachable policy.
     """
@@ -83,7 +83,7 @@ class _WorkerActor:
     trials: list[Trial] = field(default_factory=list)  # assigned trials that have not ended
     placed: bool = False  # it has resources on the cluster
     ready: bool = False  # it has been prepared
-    alone: bool = False  # its only trial was running in a worker that died
+    alone: bool = False  # it runs a single trial that was running in a worker that died
     replica: int | None = None  # number of its replica of the policy
     broken: list[Trial] = field(default_factory=list)  # trials that have broken down
     envs: int = 1  # number of simultaneous trials, reported by the worker
@@ -123,7 +123,7 @@ class RayPool:
                 raise InvalidInputError(
                     "--engine ray",
                     f"the cluster has no free CPU core for a worker (free: {self._session.free_text()})",
-                    "Wait until other work is done, or add machines",
+                    "Wait until other jobs have ended, or add machines",
                 )
 
     def close(self) -> None:
@@ -158,7 +158,7 @@ class RayPool:
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
-        """Assign a worker its share of the trials, plus one while many trials are left."""
+        """Assign a worker its share of the trials, plus one queued trial while many are left."""
         if not worker.ready:
             return
         if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):
@@ -178,7 +178,7 @@ class RayPool:
     def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
         """Store the results of a finished actor call, and yield their journal entries."""
         if call not in worker.calls:
-            return  # from a worker that has since died
+            return  # result of a worker that has died in the meantime
         errors = self._ray.exceptions
         try:
             found = self._ray.get(call)
@@ -222,7 +222,7 @@ class RayPool:
             write_durably(path, data)
 
     def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
-        """Compare the versions of a ready worker."""
+        """Check that a ready worker has the same versions as this process."""
         here = versions_here()
         other = {name: value for name, value in versions.items() if here.get(name, value) != value}
         if other:

@@ -39,7 +39,7 @@ class Turn:
 
     Attributes:
         deliveries: Trials that have ended since the last report.
-        scenes: Scenes that are new to this worker, by hash.
+        scenes: Files of scenes that were not yet delivered, by hash.
         problem: Error that stops the run, or None.
         envs: Number of simultaneous trials from now on; 0 if unknown.
         steps: Control steps since the last report.
@@ -102,7 +102,7 @@ class RemoteWorker:
     def turn(self, trials: Sequence[Trial]) -> Turn:
         """Accept more trials, run for a while, and report. Trials wait until an environment is free."""
         if self._worker is None:
-            raise InvalidInputError("worker", "is not prepared", "Call prepare first")
+            raise InvalidInputError("worker", "it is not prepared", "Call prepare first")
         self._waiting.extend(trials)
         while self._waiting and self._worker.free:
             self._worker.start(self._waiting.popleft())
@@ -128,7 +128,7 @@ class RemoteWorker:
 
     def _run(self) -> RunFolder:
         if self._folder is None:
-            raise InvalidInputError("worker", "is closed", "Make another one")
+            raise InvalidInputError("worker", "it is closed", "Create a new worker")
         return RunFolder.open(Path(self._folder.name))
 
     def _record(self, entry: JournalEntry) -> bytes | None:
@@ -140,7 +140,7 @@ class RemoteWorker:
         return data
 
     def _scenes(self) -> dict[str, bytes]:
-        """Return the scenes written since the last call, and replace each by an empty file to prevent another write."""
+        """Return the scenes written since the last call, and empty their files, whose names mark known scenes."""
         found = {}
         for path in sorted(self._run().path.glob("scenes/*.zip")):
             if path.stat().st_size:

@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""Maximum number of replica replacements, after which the run stops as if the policy server were unreachable."""
+"""Maximum number of replacements; after that, the run stops with the error of an unreachable policy server."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -93,9 +93,9 @@ class Replicas:
         if late:
             raise InvalidInputError(
                 "--replicas",
-                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each find no free resources "
+                f"no free resources for {len(late)} of {len(placed)} replicas with {gpus:g} GPUs each "
                 f"(free: {self._session.free_text()})",
-                "Give fewer --replicas, or a fraction of a card with --replica-gpus",
+                "Give fewer --replicas, or a fraction of a GPU with --replica-gpus",
             )
 
     def _address(self, starting: Any) -> str:  # noqa: ANN401 -- a reference of Ray
@@ -131,7 +131,7 @@ class _Replica:
         return self._server is not None
 
     def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
-        """Serve the policy and return the address, or the error; an answer may take ``limit_s`` [s]."""
+        """Serve the policy and return the address or the error. ``limit_s`` is the deadline for one answer [s]."""
         node: str = importlib.import_module("ray").util.get_node_ip_address()
         try:
             self._server = open_server(

@@ -1,4 +1,4 @@
-"""External runs: your own loop gets observations and provides actions, and the records are those of ``better eval``."""
+"""External runs: your own loop gets observations and sends actions, and betterbench records the trials."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ LOCK_PATIENCE_S = 60.0
 """Maximum wait for another process of the same run [s]; each process holds the lock only while writing a line."""
 
 _RETRY_S = 0.05
-_STARTS = 20  # another process may be writing the run's first file
+_STARTS = 20  # attempts to open the run, because another process may be creating it
 _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """Run folder filled by your own loop, with the same records as ``better eval``. A context manager.
+    """Run whose trials are executed by your own loop, with the same records as ``better eval``. A context manager.
 
     Several processes may run different trials of one run, because the folder is locked only while writing a line.
 
     Attributes:
-        start: Start of the current episode, or None.
+        start: :class:`EpisodeStart` of the current episode, or None.
         entry: The journal entry of the last episode that ended, or None.
     """
 
@@ -58,12 +58,12 @@ class ExternalRun:
     ) -> None:
         """Create a run, or resume the run in the folder if its plan is the same.
 
-        The plan's policy is the name of your policy in the report. Without ``needs_images``, no images are
-        rendered. ``metadata`` contains further facts about the policy (checkpoint, revision), parsed if it is a JSON
-        document. ``engine`` is the name of your loop in the manifest.
+        The plan's policy is the name of your policy in the report. With ``needs_images=False``, no images are rendered.
+        ``metadata`` contains further facts about the policy (checkpoint, revision); values that are JSON documents are
+        parsed. ``engine`` is the name of your loop in the manifest.
 
         Raises:
-            InvalidInputError: If the policy has the name of a built-in policy.
+            InvalidInputError: If the policy name is reserved for a built-in policy.
             RunConflictError: If the folder contains another run, or a run with another policy.
             StorageError: If the disk is full.
         """
@@ -246,7 +246,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal for one line, exclusively among processes."""
+    """Open the journal to write one line, while other processes wait."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

@@ -10,13 +10,13 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""Number of first trials that must end with the same error, large enough to rule out random failures."""
+"""Number of trials at the beginning that must end with the same error; fewer could fail by chance."""
 
 
 class FailingStart:
     """Monitor that warns once if the first trials of a run all end with the same error.
 
-    The run continues, because a policy may really fail in every trial.
+    The run continues, because a policy may indeed fail in every trial.
     """
 
     def __init__(self, policy: str) -> None:

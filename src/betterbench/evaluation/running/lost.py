@@ -11,7 +11,7 @@ logger = logging.getLogger(__name__)
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
-    """Mark, in the journal, finished trials that must be repeated, and return their number.
+    """Mark finished trials with unusable files as not done in the journal, and return their number.
 
     Unusable files are moved to ``RUN/set-aside`` and never deleted. Raises OSError if moving fails.
     """

@@ -26,7 +26,7 @@ MOST_DEVIATIONS = 6.0
 """Maximum plausible noise on an executed action, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
-"""Metadata that depend on installed versions; differences in them are only reported as notes."""
+"""Metadata fields that depend on installed versions; differences in these fields are reported as notes only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ReplayCheck:
 
     @property
     def identical(self) -> bool:
-        """Whether all states, verdicts and other fields are the same."""
+        """Whether all states, predicates and other fields are equal."""
         return self.first_difference is None and self.verdict_agrees and not self.differing
 
 
@@ -97,7 +97,7 @@ def _scene(record: Record, found: ResolvedCondition, plan: Mapping[str, object])
     joints = record.joint_positions.shape[1]
     robots = [name for name in robot_names() if len(robot(name).arm_joints) == joints]
     if not robots:
-        raise RecordError(f"{meta.task}/{meta.condition} seed {meta.seed}: no robot here has {joints} arm joints.")
+        raise RecordError(f"{meta.task}/{meta.condition} seed {meta.seed}: no available robot has {joints} arm joints.")
     if (used := plan.get("robot")) in robots:
         robots = [str(used)]
     *others, last = itertools.product(robots, qualities)
@@ -132,8 +132,8 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
         run.read_record(task, condition, meta.seed)
         return run
     raise RecordError(
-        f"{path}: is the record of {meta.task}/{meta.condition} seed {meta.seed} and does not lie at its place in the "
-        "run. Put it there."
+        f"{path}: this is the record of {meta.task}/{meta.condition} seed {meta.seed}, but its path in the run is that "
+        "of another trial. Move the file to the path of its trial."
     )
 
 
@@ -201,11 +201,11 @@ def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Ite
             yield f"outcome.{name} is {getattr(told, name)!r} but the replay gives {getattr(wanted, name)!r}"
     noise = 0.0 if record.metadata.demonstrator is None else record.metadata.demonstrator.action_noise
     if noise and float(np.abs(record.applied[1:] - record.action[1:]).max(initial=0.0)) > MOST_DEVIATIONS * noise:
-        yield f"action differs from applied by more than noise of {noise:g} explains"
+        yield f"action differs from applied by more than noise of {noise:g} can explain"
     if broken and not error:
         yield f"outcome.error is missing for {told.termination!r}"
     if steps > limit or (met is not None and met < steps):
-        yield f"the episode ends after row {steps} and should after row {limit if met is None else met}"
+        yield f"the episode ends after row {steps} instead of row {limit if met is None else met}"
 
 
 def _compare(record: Record, again: Record, notes: tuple[str, ...], *, outcome: Iterator[str]) -> ReplayCheck:
@@ -243,11 +243,11 @@ def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def _metadata(record: Record, again: Record) -> Iterator[str]:
-    """Yield the metadata that differ from the trial's metadata."""
+    """Yield the metadata fields that differ from those of the replay."""
     for field in fields(record.metadata):
         told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
         if field.name == "render_quality" and record.metadata.camera_preset is not None:
-            continue  # chosen by the run
+            continue  # these are settings of the run
         if field.name not in _NOT_DERIVED and told != due:
             shown = [str(value) if len(str(value)) <= 60 else f"{str(value)[:57]}..." for value in (told, due)]
             yield f"metadata.{field.name} is {shown[0]} but the replay gives {shown[1]}"

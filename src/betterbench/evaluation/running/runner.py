@@ -49,7 +49,7 @@ Engine = Literal["local", "ray"]
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""Maximum number of passes through the trials of a run if records disappear."""
+"""Maximum number of passes over the trials if records disappear during the run."""
 
 _TURN_S = 1.0
 
@@ -86,7 +86,7 @@ def evaluate(
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not yet in the journal; with ``until_decided``, only the required ones.
+    """Run every trial of a plan that is not in the journal; with ``until_decided``, only the required trials.
 
     Trials whose record is missing or damaged are run again. The policy's conventions are compared before anything
     is written. Results do not depend on the engine or the number of workers and environments.
@@ -104,7 +104,7 @@ def evaluate(
         policy_timeout_s: Deadline for one answer of a policy in a worker process [s]; a late answer ends the trial.
         allow_changed_policy: True to resume with a policy whose declaration has changed since the start of the run.
         repeats: Earlier run that must have the same policy, unless ``allow_changed_policy``; None for no comparison.
-        policies: Factory of a policy that has no address, for a single worker; None for the policy at the plan's
+        policies: Factory of a policy object without an address, for a single worker; None to use the plan's policy
             address.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
@@ -210,10 +210,10 @@ class _Asked:
 
     info: PolicyInfo
     envs: int  # default number per worker
-    policies: PolicyFactory | None = None  # may hold the instance that was queried; None if a host holds it
-    host: Host | None = None  # holds the policy for all workers
+    policies: PolicyFactory | None = None  # may contain the instance that was queried; None if a host has the policy
+    host: Host | None = None  # process that serves the policy to all workers
     shared: bool = False  # one instance serves several workers
-    one_worker: bool = False  # otherwise, each worker would load the weights
+    one_worker: bool = False  # more workers would each load the weights
 
 
 def _ask_policy(
@@ -230,8 +230,8 @@ def _ask_policy(
         info = policies.check(plan.action_space, plan.observation, rate_hz=rate_hz)
         return _Asked(info, usual_envs(policies), policies)
     with ExitStack() as own:
-        # A user's policy may hold weights. It is queried in a separate process, so that the weights are loaded
-        # only there or, after that process has ended, in the workers.
+        # A user's policy may load large weights. It is queried in a separate process, so that this process never
+        # loads them; that process ends before the workers load the weights.
         run = (plan.action_space, plan.observation)
         host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world, rate_hz=rate_hz))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
@@ -263,7 +263,7 @@ def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
     """Return the description of the engine for ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
-        form["most_envs"] = settings.most_envs  # a warm-up chooses; the journal contains the chosen number
+        form["most_envs"] = settings.most_envs  # a warm-up chooses the number, which is stored in the journal
     return form
 
 
@@ -273,7 +273,7 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
     if envs is not None and not 1 <= envs <= MAX_ENVS:
         raise InvalidInputError("--envs", f"{envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
     if not 0.0 < policy_timeout_s < float("inf"):
-        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "It must be > 0")
+        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Give a number above 0")
     if engine not in get_args(Engine):
         raise UnknownNameError("engine", engine, get_args(Engine))
 
@@ -309,7 +309,7 @@ def _entries(
                 yield from _in_this_process(worker, trials)
         return
     if asked.policies is not None:
-        asked.policies.close()  # each worker makes one
+        asked.policies.close()  # each worker creates its own policy
     if session is not None:
         from betterbench.evaluation.ray_engine.pool import ray_entries  # noqa: PLC0415 - as above
 
@@ -327,7 +327,7 @@ def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEnt
             running += 1
         if not running:
             if worker.problem is not None:
-                raise worker.problem  # in the last trial
+                raise worker.problem  # raised by the last trial
             return
         for entry in worker.finished(_TURN_S):
             running -= 1

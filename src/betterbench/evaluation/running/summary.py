@@ -1,4 +1,4 @@
-"""Counts for a run, and the policy's answer times."""
+"""Trial counts of a run, and the policy's answer times."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench.tasks import Expected
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
     """Return the numbers of trials, successes (training conditions and variations) and broken trials, as n and k.
 
-    Ambiguous trials are neither successes nor failures and have a number of their own. With ``seeds``, only trials with
+    Ambiguous trials are neither successes nor failures and are counted separately. With ``seeds``, only trials with
     these seeds are counted.
     """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
@@ -40,7 +40,7 @@ def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
 
 
 def require_a_trial(run: RunFolder) -> None:
-    """Raise PolicyError, with the first error, if every trial broke for any reason."""
+    """Raise PolicyError with the first error if no trial of the run could be completed."""
     broken = broken_trials(run)
     if broken and len(broken) == len(run.entries()):
         first = broken[0]
@@ -104,8 +104,8 @@ class RunTimes:
         policy_s: Time from request to answer without ``wire_s`` [s]; the answers of several environments overlap.
         simulation_s: Scenes, physics, privileged state and records [s].
         rendering_s: Observations, mostly images [s].
-        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, reading answers;
-            network latency counts as policy time [s].
+        wire_s: CPU time that betterbench spends on messages: resizing, packing and sending images, reading answers [s].
+            Network latency counts as policy time.
         idle_s: Time during which workers only waited for the policy [s].
         envs: Each worker's environments in the last trial, or None if the policy runs in the worker itself.
     """

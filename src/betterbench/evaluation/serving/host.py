@@ -1,6 +1,6 @@
 """Host: process that serves a policy to all workers of a run over the openpi protocol.
 
-The policy runs in yet another process, so that a crash affects only the current trial.
+The policy itself runs in a child process of the host, so that a crash affects only the current trial.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""Time that a worker waits for a host [s], because a restarted host loads weights again."""
+"""Time that a worker waits for a host to restart and load its weights again [s]."""
 
 
 class Host:
@@ -109,7 +109,7 @@ class Host:
         self._start()
 
     def _start(self) -> None:
-        with interrupts_blocked():  # so that an interrupt cannot lose the process
+        with interrupts_blocked():  # an interrupt here would leave a process that nothing ends
             self._running = SpawnedProcess(
                 serve, self._policy, self._run, self._timeout_s, self._port, name="betterbench-policy"
             )
@@ -144,8 +144,8 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 
     An answer has a deadline of ``timeout_s`` [s], and workers wait up to ``patience_s`` [s] for a dead server.
     """
-    # The server enforces the deadline; this longer one covers a server that fails to. The first answer may have to
-    # wait until weights are loaded.
+    # The server enforces the deadline. The client's deadline is longer and only takes effect if the server fails. The
+    # first answer may have to wait until the weights are loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"

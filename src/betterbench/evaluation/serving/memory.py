@@ -1,4 +1,4 @@
-"""Return of freed memory to the system, for servers that run for weeks."""
+"""Function that returns freed memory to the system, for servers that run for weeks."""
 
 from __future__ import annotations
 

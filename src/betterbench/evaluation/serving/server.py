@@ -25,7 +25,7 @@ from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.version import __version__
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
@@ -57,7 +57,7 @@ def open_server(
     made: Policy | None = None,
     deadline: Deadline | None = None,
 ) -> PolicyServer:
-    """Return a server of a policy, bound to its port. The server answers after its start.
+    """Return a policy server that is bound to its port. It accepts requests after ``start``.
 
     Args:
         policy: Policy address.
@@ -66,13 +66,12 @@ def open_server(
         chunk: Actions in one answer of an expert.
         batch: Maximum number of observations in one call to a policy that supports batches.
         clients: Maximum simultaneous clients, not counting a run's workers.
-        trial: Trial of clients that name none; if None, an expert finds the trial by the instruction.
+        trial: Trial for clients that do not send one; if None, an expert finds the trial by the instruction.
         robot: Robot of an expert's clients.
         layout: Preset in which an expert reads requests and answers them; None for native and openpi's LIBERO layout.
         api_key: Key that clients must send, or None.
         made: An existing policy, which the server will close, or None.
-        deadline: Answer deadline, for a run's workers (whose records contain error messages); None for all
-            other clients.
+        deadline: Deadline for an answer if the clients are workers of a run; None for other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
@@ -89,7 +88,7 @@ def open_server(
     needs = kind.needs_of(policy)
     if needs.trial:
         raise InvalidInputError(
-            f"policy {policy}", "a replay belongs to one trial, so it cannot be served", "Evaluate it directly"
+            f"policy {policy}", "a replay policy belongs to one trial, so it cannot be served", "Evaluate it directly"
         )
     if trial is not None:
         from betterbench.tasks.interventions import resolve_condition  # noqa: PLC0415 - a run's host needs no tasks
@@ -155,14 +154,15 @@ def _shadow_metadata(
 class SessionStore:
     """Instances of a policy: one for all connections if it supports batches, otherwise one per connection.
 
-    An instance whose connection has ended serves the next one, so that weights are not loaded again when a client
-    reconnects. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins with a reset.
+    When a connection ends, its instance is reused for the next connection, so that weights are not loaded again when a
+    client reconnects. All idle instances but :data:`KEPT_INSTANCES` are closed. A new connection always begins with a
+    reset.
     """
 
     def __init__(
         self, address: str, first: Policy, *, batch: int, trial: TrialId | None, deadline: Deadline | None = None
     ) -> None:
-        """Prepare with the first instance of the policy. Answers have a deadline only if the run itself serves."""
+        """Store the first instance of the policy. ``deadline`` is only given if the clients are workers of a run."""
         self._address, self._trial, self._deadline = address, trial, deadline
         self._shares = isinstance(first, BatchPolicy)
         self._batch = batch if self._shares else 1
@@ -232,7 +232,7 @@ def declare(
     """
     return {
         "betterbench": {
-            **more,  # first, so that a policy's own texts cannot replace a convention
+            **more,  # first, so that a policy's own metadata cannot override a convention
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],
@@ -246,7 +246,7 @@ def declare(
             "batch": batch,
             "execution": asdict(execution),
             "version": __version__,
-            "engine": f"mujoco {importlib.metadata.version('mujoco')}",  # takes 2 ms, and its import 200
+            "engine": f"mujoco {importlib.metadata.version('mujoco')}",  # takes 2 ms; importing MuJoCo takes 200 ms
             "machine": platform.machine(),
         }
     }

@@ -15,7 +15,7 @@ from betterbench.interface import EpisodeStart, Policy, episode_number
 from betterbench.interface.actions import action_space
 from betterbench.policies.conventions.request import Request, read_request
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 
@@ -25,10 +25,10 @@ class PolicySession:
     def __init__(
         self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Prepare a connection with its own policy, or a policy that answers each observation independently.
+        """Open a session with its own policy instance, or with a policy that answers each observation independently.
 
-        ``trial`` gives the episode number if a client sends none. ``within`` is True for a run's workers, where
-        errors have the message for the record.
+        ``trial`` gives the episode number if a client does not send one. ``within`` is True for a run's workers, whose
+        records contain the error messages.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
@@ -39,7 +39,7 @@ class PolicySession:
         if request.observation is None:
             raise InvalidInputError(
                 "the request",
-                "contains no observation",
+                "the message contains no observation",
                 "Send better/joint_positions etc. (preset native), or observation/state (preset openpi_libero)",
             )
         space = self._policy.info.action_space
@@ -60,7 +60,9 @@ class PolicySession:
         if actions.ndim == 1:
             actions = actions[None]
         if actions.ndim != 2 or not len(actions) or actions.dtype.kind not in "fiu":
-            raise PolicyError(f"the policy answered {actions.dtype} {actions.shape} instead of (horizon, dim) numbers")
+            raise PolicyError(
+                f"expected actions with shape (horizon, dim), got {actions.dtype} with shape {actions.shape}"
+            )
         self._counter.answered(step, len(actions))
         return {"actions": np.ascontiguousarray(actions, dtype=np.float64)}
 
@@ -71,7 +73,7 @@ class PolicySession:
 
 
 class Counter:
-    """Counter of a client's control steps, which also detects the start of an episode."""
+    """Counter of a client's control steps that also detects when an episode begins."""
 
     def __init__(self) -> None:
         self._episode: object = None
@@ -94,10 +96,10 @@ class Counter:
 
 
 def check_space(start: EpisodeStart, space: str, who: str) -> None:
-    """Raise InvalidInputError if a client executes another action space than ``who`` answers in."""
+    """Raise InvalidInputError if the client's action space differs from that of ``who``, the served policy."""
     if start.action_space != space:
         raise InvalidInputError(
             "better/episode: action_space",
-            f"the client executes {start.action_space!r} and {who} answers in {space!r}",
+            f"the client executes {start.action_space!r}, but {who} returns actions in {space!r}",
             f"Evaluate with --action-space {space}",
         )

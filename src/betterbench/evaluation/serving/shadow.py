@@ -1,9 +1,9 @@
-"""Shadow simulations: a served expert steps its own copy of the client's scene, because clients send only observations.
+"""Shadow simulations: a served expert simulates a copy of the client's scene, because clients send only observations.
 
 A trial is a pure function of its id: on the same machine, the same task, condition, seed and actions give bit-identical
 states. A shadow simulation therefore needs only the control step from its client. A client that executes only a part of
-a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. A comparison of the
-client's measurements with the shadow's state reveals a client that executed other actions.
+a chunk, repeats a request, or reconnects (even to a restarted server) gets the same actions. A client
+that executed other actions is detected by comparing its measurements with the state of the shadow simulation.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ KEPT = 64
 when needed.
 """
 SPARE = 4
-"""Number of simulations kept in addition to one per client, for clients that reconnect."""
+"""Number of simulations kept for clients that reconnect, in addition to one per client."""
 
 
 def require_within(trial: TrialId, step: int, step_limit: int) -> None:
-    """Raise InvalidInputError if a trial is over at a control step."""
+    """Raise InvalidInputError if the trial has ended before a control step."""
     if step >= step_limit:
         raise InvalidInputError(
             "better/step",
-            f"{trial} ends after {step_limit} steps, and this is step {step}",
+            f"{trial} ends after {step_limit} steps, but step {step} is requested",
             "Begin a new episode with a new connection, another prompt, or better/step 0",
         )
 
@@ -91,7 +91,7 @@ class ShadowSimulation:
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
         """Return the policy's actions from a control step on, (1 to ``count``, dim).
 
-        There are fewer actions if the policy fails earlier.
+        If the policy fails, only the actions before its failure are returned.
 
         ``seen`` is the client's measurement at that step, for comparison.
 
@@ -152,9 +152,10 @@ class ShadowSimulation:
         return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
-        """Simulate until ``until`` actions are known. Action ``needed`` must be among them.
+        """Simulate until ``until`` actions are known.
 
-        If ``needed`` is None, all actions are required.
+        If the policy fails earlier, raise its error only if action ``needed`` is missing, or for any missing action if
+        ``needed`` is None.
         """
         while len(self._actions) < until and self._end is None:
             try:
@@ -186,8 +187,8 @@ class ShadowSimulation:
             return
         tool = float(np.linalg.norm(seen.ee_position - here.ee_position))
         raise PolicyError(
-            f"{self.trial} step {step}: the client's robot is not where the answered actions lead (joints differ by up "
-            f"to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} m). The client "
+            f"{self.trial} step {step}: the client's robot is not where the answered actions lead (the joints differ "
+            f"by up to {joint:.3g} rad, the end effector is {tool:.3g} m off, the fingers {fingers:.3g} m). The client "
             "executed actions that were not in the answers, or runs another version or on another kind of CPU"
         )
 
@@ -241,7 +242,7 @@ class ShadowSimulations:
             self._clients += 1
 
     def client_left(self) -> None:
-        """Count the departure of a client, and drop surplus simulations."""
+        """Count a client that disconnected, and drop surplus simulations."""
         with self._lock:
             self._clients -= 1
             dropped = self._drop_oldest()

@@ -23,9 +23,9 @@ from betterbench.tasks import Condition, TrialId, all_tasks
 from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
-"""Maximum difference of two equal states [m, rad], because clients send float32."""
+"""Maximum difference between equal states [m, rad]; clients send float32, so equal states may differ slightly."""
 ASTRAY = 1e-3
-"""Difference above which a client is considered not to have executed the answered actions [m, rad]."""
+"""Difference above which the client has not executed the actions it received [m, rad]."""
 
 States = list[tuple[StateRule, np.ndarray]]
 """States of a request, each as (size,)."""
@@ -42,7 +42,7 @@ class ShadowSession:
         Args:
             shadows: The simulations of all clients.
             chunk: Maximum actions in one answer.
-            trial: Trial for a client that names none, or None to find the trial by the instruction.
+            trial: Trial for a client that does not send one, or None to find the trial by the instruction.
             layout: Layout of requests and answers; None for native and openpi's LIBERO layout.
         """
         self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
@@ -64,8 +64,8 @@ class ShadowSession:
         instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
             raise PolicyError(
-                f"{trial}: the client's instruction is {request.instruction[:200]!r} and this server's is "
-                f"{instruction!r}. They run different versions"
+                f"{trial}: the client's instruction is {request.instruction[:200]!r}, but this server's is "
+                f"{instruction!r}. Client and server have different versions"
             )
         if request.step is not None:
             require_within(trial, request.step, found.task.step_limit(found.condition))
@@ -110,7 +110,7 @@ class ShadowSession:
             raise PolicyError(
                 f"{shadow.trial} step {step}: the client's robot is not where the answered actions lead (its state "
                 f"differs by {min(gaps):.3g} m or rad). The client executed actions that were not in the answers, or "
-                "sends a state that is not its own; a client without a state sends zeros"
+                "sends another robot's state; a client without a state must send zeros"
             )
         return step
 
@@ -150,7 +150,7 @@ def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
 def trial_of(instruction: str) -> TrialId:
     """Return the first training condition of the suite with an instruction, as a trial with seed 0.
 
-    InvalidInputError names the closest instructions if no training condition has it.
+    Raises InvalidInputError, with the closest instructions, if no training condition has this instruction.
     """
     conditions: dict[str, Condition] = {}
     for task in all_tasks():
@@ -171,11 +171,11 @@ def trial_of(instruction: str) -> TrialId:
 
 
 def require_layout(layout: Adapter, robot: str, own_space: str) -> None:
-    """Raise InvalidInputError if actions in a robot's own space cannot be answered in a layout."""
+    """Raise InvalidInputError if a layout cannot represent actions in a robot's own action space."""
     space, spec = layout.answer.space, robot_named(robot)
     if space != own_space and (own_space != EE_DELTA.name or space not in spec.action_spaces):
         raise InvalidInputError(
             "--layout",
-            f"{layout.name} answers in {space!r}, and the {spec.title} is served in {own_space!r}",
-            "Give a layout of this action space, or leave out --layout",
+            f"{layout.name} uses the action space {space!r}, but the {spec.title} is served in {own_space!r}",
+            "Give a layout with this action space, or leave out --layout",
         )

@@ -15,11 +15,11 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 
 CALLERS = PolicyNeeds(thread=True)
-"""Requirements of a caller's policy: its own thread, because its latency is unknown."""
+"""Requirements of a policy passed by the caller: its own thread, because its latency is unknown."""
 
 
 class GivenPolicy(PolicyFactory):
-    """Factory that returns one existing instance under its declared name.
+    """Policy factory that always returns the instance passed by the caller, under its declared name.
 
     The instance answers one observation at a time, even if it supports batches. The caller closes it.
     """
@@ -28,7 +28,8 @@ class GivenPolicy(PolicyFactory):
         """Check the instance.
 
         Raises:
-            InvalidInputError: If the object is not a policy, or has the name of a built-in policy or a server.
+            InvalidInputError: If the object is not a policy, or its name is the address of a built-in policy or a
+                server.
         """
         require_policy(policy, "policy")
         name = policy.info.name
@@ -46,7 +47,7 @@ class GivenPolicy(PolicyFactory):
 
 
 def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
-    """Return the kind of a caller's policy, which is not registered, because other processes cannot create the policy.
+    """Return the kind of a policy passed by the caller. It is not registered: other processes cannot create the policy.
 
     Args:
         name: Name that the policy declares, limited to characters that are valid in addresses.
@@ -64,13 +65,13 @@ def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
 
 
 def needs_in_run(policy: str) -> PolicyNeeds:
-    """Return the requirements of a plan's policy. An address without a kind denotes a caller's policy."""
+    """Return the requirements of a plan's policy. A name without a kind is a policy passed by the caller."""
     kind = find_kind(policy)
     return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:
-    """View of a policy with a ``close`` method that does nothing."""
+    """Wrapper of a policy whose ``close`` method does nothing."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy

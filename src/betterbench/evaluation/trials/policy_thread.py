@@ -1,4 +1,4 @@
-"""Thread that waits for a policy's answers so that the simulation does not."""
+"""Thread that waits for a policy's answers while the simulation continues."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from betterbench.interface.state import WorldState
 from betterbench.policies.factory import close_policy
 from betterbench.policies.process.policy_process import PolicyProcess
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """Request outcome.
+    """Outcome of a request.
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` returned.
         outcome: The reply, or the exception; None after a successful :meth:`PolicyThread.connect`.
         figures: Counts for the policy's connection since the start of the episode (retries, reconnects), by name.
-        wire_s: CPU time of this side for messages: resizing, packing and sending images, reading the answer [s].
+        wire_s: CPU time of this process for messages: resizing, packing and sending images, reading the answer [s].
     """
 
     ticket: int
@@ -154,7 +154,7 @@ def shared_cost_s(policy: object) -> float:
 
 def no_answer(limit_s: float) -> PolicyError:
     """Return the error about a policy that did not answer within a deadline [s]."""
-    return PolicyError(f"the policy gave no answer within {limit_s:g} s. Raise --policy-timeout.")
+    return PolicyError(f"the policy did not answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:

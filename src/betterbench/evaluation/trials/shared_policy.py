@@ -72,7 +72,7 @@ class SharedPolicy:
             answers = self._policy.act_batch([observation for _, observation in asked])
         else:
             answers = [self._policy.act(observation) for _, observation in asked]
-        # copied, because a policy may reuse the memory of its answers before other threads have read them
+        # copied, because a policy may overwrite the array before other threads have read it
         copies = [np.array(answer) for answer in answers]
         cost_s = (time.thread_time() - began) / max(1, len(asked))
         return [_Given(actions, cost_s) for actions in copies]
@@ -123,7 +123,7 @@ class _SharedClient:
             )
         except TimeoutError:
             if deadline is None:
-                raise  # time of the policy itself
+                raise  # the deadline of the policy itself
             deadline.on_hang()
             raise no_answer(deadline.limit_s) from None
         self.cost_s += given.cost_s

@@ -34,7 +34,7 @@ from betterbench.tasks import Looks
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
-if TYPE_CHECKING:  # a worker needs no plan, which imports the statistics of sample sizes
+if TYPE_CHECKING:  # a plan imports statistics that a worker does not need
     from betterbench.evaluation.planning.plan import Plan
 
 logger = logging.getLogger(__name__)
@@ -42,8 +42,8 @@ logger = logging.getLogger(__name__)
 _SPARE_RENDERERS = 3
 
 TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
-"""Generator of a trial that waits for its policy, like :data:`betterbench.episodes.Steps`, and returns the journal
-entry."""
+"""Generator that runs a trial: it yields whenever the policy must answer, like :data:`betterbench.episodes.Steps`, and
+returns the journal entry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +58,12 @@ class RunSettings:
             deadline.
         served_at: Address of the host process that runs the policy for all workers, or None.
         task_files: User files that workers load first.
-        held: Parent folders of the run that the starting process has locked.
-        looks: Looks of objects and rooms.
+        held: Parent folders of the run that the main process has locked.
+        looks: Appearance of objects and rooms ("seen" or "unseen").
         known: Declaration of an external policy server at the start of the run; None without such a server.
         world: The world in which the trials are run.
         most_envs: Maximum number of environments that a warm-up may choose; at most ``envs`` if the number is fixed.
-        workers: Run workers, which share the memory of their machine.
+        workers: Number of workers of the run, which share the machine's memory.
         trials: Maximum number of trials left when the run started; 0 if unknown.
         turn: Worker index, which determines the EGL device.
     """
@@ -204,7 +204,7 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """Observer for observations, or None for a privileged policy, which gets the state."""
+        """Renders observations, or None for a privileged policy, which gets the state."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(self, scene: TrialScene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:

@@ -2,8 +2,9 @@
 
 A worker with n environments is a closed queue: a chunk takes S seconds of the worker's time and L seconds of the
 policy's time. With fewer environments than the knee, (L + S) / S, the worker waits; near the knee, fluctuations still
-cost a quarter to a third. Twice the knee is therefore opened, if the policy can handle it. A server that answers one
-question at a time only gets a longer queue, which shows in its throughput. Records do not depend on the number.
+cost a quarter to a third of the throughput. More environments than the knee are therefore opened (:data:`KNEES`) if the
+policy's throughput increases. If a server answers one request at a time, more environments only lengthen its queue,
+which the measured throughput shows. Records do not depend on the number.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ LONGEST_QUEUE_S = 10.0
 """Maximum time until the last pending request is answered even if served one by one [s], a third of the usual
 deadline."""
 
-_ANSWERS = 16  # minimum number of answers of a window
+_ANSWERS = 16  # minimum number of answers in a measurement window
 _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
-_PRESENT = 0.75  # share of environments with an answer at the start of a window
+_PRESENT = 0.75  # share of environments that must have had an answer before a window begins
 _ENOUGH = 1.25  # minimum factor by which the number of environments grows
 _GAIN = 1.2  # minimum gain of throughput with three times as many environments
 _IDLE = 0.15  # if the worker waits for less than this share of its time, more environments cannot help
 _UNHINDERED = 1.5  # latency, in multiples of the minimum, up to which the server answers all questions at once
 _STEP = 3  # maximum growth factor in one step if the server has a queue
-_LEFT_OVER = 1.5  # growth factor allowed to avoid left-over trials
+_LEFT_OVER = 1.5  # growth factor allowed so that all remaining trials run at once
 _LONGEST_MEMORY = 64  # maximum number of answer times kept
 
 
@@ -82,8 +83,8 @@ class EnvironmentCount:
     ) -> None:
         """Prepare.
 
-        ``room`` gets the current number and returns how many environments fit into memory; ``left`` returns the number
-        of trials left for this worker, including running ones.
+        ``room`` maps the current number of environments to the number that fits into memory; ``left`` returns the
+        number of trials left for this worker, including running trials.
         """
         self.number = first
         self.settled = most <= first
@@ -113,7 +114,7 @@ class EnvironmentCount:
 
         Args:
             environment: Environment index.
-            asked_at: Time of the request [s], on the clock of ``now``.
+            asked_at: Time of the request [s], from the same clock as ``now``.
             now: Time of the answer [s].
             took_s: Time from request to answer [s].
             clean: Whether the answer came without a retry or a new connection.
@@ -146,14 +147,14 @@ class EnvironmentCount:
     def _decide(self, window: Window) -> None:
         before, self._before = self._before, window
         if before is not None and window.rate < _GAIN * before.rate and window.idle > _IDLE:
-            # the worker still waits, but the policy has not given more answers per second, so it is saturated
+            # the worker still waits, but the policy's answers per second have not increased: the policy is saturated
             self.number, self.settled = before.envs, True
             return
         goal, left = window.wanted, self._left()
         if window.latency_s > _UNHINDERED * self._least_s:
             goal = min(goal, _STEP * window.envs)  # the server may already have a queue
         if goal < left <= _LEFT_OVER * goal:
-            goal = left  # at the end, a few remaining trials would wait for their answers alone
+            goal = left  # otherwise, a few trials would remain and run alone at the end
         goal = min(goal, self._most)
         # if the server answers one question at a time, latency grows with the number
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))

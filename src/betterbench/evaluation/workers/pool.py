@@ -38,7 +38,7 @@ class WorkerProcess(SpawnedProcess):
     def __init__(self, settings: RunSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
-        self.alone = False  # its only trial was running in a process that died
+        self.alone = False  # it runs a single trial that was running in a process that died
         self.lost = False  # the process has closed its end of the pipe
         self.ready = False  # the process is ready
         self.turn = settings.turn  # number among the living processes
@@ -95,7 +95,7 @@ class WorkerPool:
                     self._watch()
                 for worker in self._wait():
                     ended = list(self._receive(worker))
-                    self._distribute()  # distributed before the journal waits for the disk
+                    self._distribute()  # the workers continue while the journal is written to disk
                     yield from ended
                     if worker.lost or not worker.process.is_alive():
                         yield from self._handle_worker_exit(worker)
@@ -116,7 +116,7 @@ class WorkerPool:
             worker.end()
 
     def _wait(self) -> Iterable[WorkerProcess]:
-        """Return the processes that have sent a message or ended, after at most the time between two watches."""
+        """Return the processes that have sent a message or ended, waiting at most until the next call of ``watch``."""
         sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
         found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
         # a child of a dead worker may hold its pipe and its sentinel open, which would hide the death
@@ -128,11 +128,11 @@ class WorkerPool:
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             taken = {worker.turn for worker in self._processes}
             turn = next(number for number in itertools.count() if number not in taken)
-            with interrupts_blocked():  # until it is known here
+            with interrupts_blocked():  # until the process is in the list
                 self._processes.append(WorkerProcess(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
-        """Distribute the trials evenly over the processes. A suspect trial gets its own process."""
+        """Distribute the trials evenly over the processes. A trial that may have killed a process runs alone."""
         for worker in self._processes:
             if self._ledger.suspects and not worker.trials and not worker.lost:
                 worker.alone = True
@@ -188,7 +188,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Continue without a process that died before it was ready; its trials are not suspects."""
+        """Handle a process that died before it was ready; its trials are not suspected of having caused this."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
@@ -216,7 +216,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
             with Worker(settings, on_step=StepReport(lambda steps: _report(connection, steps))) as worker:
                 connection.send(None)
                 _take_and_send(worker, connection)
-        except PolicyProcessError as problem:  # memory may suffice for fewer instances
+        except PolicyProcessError as problem:  # fewer instances may fit into memory
             logger.warning("%s", problem)
             raise SystemExit(1) from None
         except BetterError as problem:

@@ -18,7 +18,7 @@ class StepsTaken:
 
 
 class StepReport:
-    """Counter for one worker's steps; it is called after every step and reports at intervals."""
+    """Counter of one worker's control steps. It is called after every step and reports at intervals."""
 
     def __init__(self, hand_over: Callable[[int], None]) -> None:
         """Prepare; ``hand_over`` gets the steps since its last call."""

@@ -41,8 +41,7 @@ A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environm
 MOST_WAITING = 32
 """Initial number of environments over all workers.
 
-A server that answers one request at a time, in 0.3 s, then answers the last request in its queue within 10 s, before
-the deadline.
+A server that answers one request at a time in 0.3 s has then answered a full queue within 10 s, before the deadline.
 """
 
 MOST_CHOSEN = 96
@@ -86,7 +85,7 @@ def envs_between(envs: int, workers: int, *, world: World = OWN_WORLD) -> tuple[
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return the number of trials that a worker gets at once, for workers to end at about the same time.
+    """Return the number of trials that a worker gets at once, so that all workers end at about the same time.
 
     Trials that begin together end together. With eight environments, twelve trials per worker are therefore given as
     six and six, not as eight and four. ``left`` counts the trials that have not ended, including running trials.
@@ -137,7 +136,7 @@ class Worker:
         needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
-        # a wait can be cut short if the answer comes from another process
+        # waiting ends early if the answer comes from another process
         self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
@@ -291,7 +290,7 @@ class Worker:
         slot.steps, slot.ticket = None, -1
         self._ended += 1
         if entry.message is not None and slot.thread is not None:
-            slot.thread.distrust()  # the fault may have been detected here, for example an action with the wrong shape
+            slot.thread.distrust()  # the process may not know of the error, such as a wrong shape
         self._stop = self._stop or stop
         if not self._threaded:
             return entry

@@ -173,7 +173,7 @@ def parsed_list(answer: str) -> list[Any]:
     """Return the list of one scenario in an answer, without a code fence around the list.
 
     Raises:
-        InvalidInputError: If the answer is empty, is a text instead of JSON, or is not a list of one object.
+        InvalidInputError: If the answer is empty, is not JSON, or is not a list of one object.
     """
     text = without_fence(answer)
     cure = "Answer with a JSON list of one scenario and nothing else"
@@ -248,7 +248,9 @@ def ask_for_template(sentence: str, chat: KeptChat, *, tries: int = DEFAULT_TRIE
         if name:
             return name
         messages = [*messages, *correction(answer[:_LONGEST_ECHO], [problem])]
-    raise InvalidInputError("sentence", f"the model chose no template ({problem})", "Name one: better list templates")
+    raise InvalidInputError(
+        "sentence", f"the model chose no template ({problem})", "Give one; list them with better list templates"
+    )
 
 
 def _template_in(answer: str) -> tuple[str, str]:

@@ -55,7 +55,7 @@ class Exchange:
 
     @property
     def key(self) -> str:
-        """Digest of the question."""
+        """SHA-256 of the conversation."""
         return key_of(self.messages)
 
 
@@ -103,10 +103,10 @@ def read_exchanges(path: Path) -> dict[str, Exchange]:
         RecordError: If a line is corrupt or was changed.
     """
     if not path.is_file():
-        raise InvalidInputError("--replay", f"{path} is not a file", f"Name the {FILE_NAME} of an earlier run")
+        raise InvalidInputError("--replay", f"{path} is not a file", f"Give the {FILE_NAME} of an earlier run")
     found = {exchange.key: exchange for exchange, _ in _parsed(path, complete_lines(path)[0])}
     if not found:
-        raise InvalidInputError("--replay", f"{path} has no exchange", f"Name the {FILE_NAME} of an earlier run")
+        raise InvalidInputError("--replay", f"{path} contains no exchange", f"Give the {FILE_NAME} of an earlier run")
     return found
 
 
@@ -158,8 +158,8 @@ class KeptChat:
     def _asked(self, messages: Sequence[Message], purpose: str) -> Exchange:
         if self._chat is None:
             raise ModelError(
-                f"The kept exchanges have no answer for {purpose}: they come from another command, another version of "
-                "the prompt or an interrupted run. Run the original command again with its model."
+                f"The stored exchanges contain no answer to {purpose}: they come from another command, another version "
+                "of the prompt or an interrupted run. Run the original command again with its model."
             )
         asked_at, began = self._now(), time.monotonic()
         answer = self._chat.complete(messages, max_tokens=MAX_TOKENS).text

@@ -47,7 +47,7 @@ def _readable(text: str) -> str:
 def _inside(text: str) -> str:
     path = PurePosixPath(text)
     if path.is_absolute() or ".." in path.parts or "\\" in text:
-        raise ValueError("is a path that leads out of the release")
+        raise ValueError("is a path outside the release folder")
     return _readable(text)
 
 
@@ -311,7 +311,7 @@ def find_tasks(folder: Path) -> tuple[Path, ...]:
     found = sorted(file.parent for file in folder.glob("assets/tasks/*/*/task.yaml"))
     if not found:
         problem = "has neither a task.yaml nor assets/tasks/TEMPLATE/TASK/task.yaml"
-        cure = "Name a clone of github.com/BeingBeyond/BeTTER, or the folder of a task in it"
+        cure = "Give a clone of github.com/BeingBeyond/BeTTER, or the folder of a task in it"
         raise InvalidInputError(str(folder), problem if folder.is_dir() else "is not a folder", cure)
     return tuple(found)
 
@@ -420,7 +420,9 @@ def _require_own_place(file: Path, name: str, variation: VariationFile, base: Va
         problem = f"{variation.variation_id!r} is not the name of the file"
         _refuse(file, "variation_id", problem, f"Write {name!r}, or rename the file")
     if variation.extends not in (None, base.variation_id):
-        problem = f"{variation.extends!r} is not the base variation; the release knows one level of inheritance"
+        problem = (
+            f"{variation.extends!r} is not the base variation, but the release supports only one level of inheritance"
+        )
         _refuse(file, "extends", problem, f"Write {base.variation_id!r}, and list what the other variation changes")
 
 

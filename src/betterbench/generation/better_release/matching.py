@@ -36,7 +36,7 @@ class Match:
     """Asset that represents an object.
 
     Attributes:
-        category: Category of our library.
+        category: Asset category of betterbench.
         color: Its color, or None for the default colors.
         score: Score of the search in [0, 1]; 1 for a category that the user has named.
         how: "name", "search", "class" or "given": the noun of the object is the category, the search found it by words

@@ -37,7 +37,7 @@ _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
 """Minimum score of an asset that counts as almost as good, relative to the best suitable asset."""
 _FIXED = ("on_ring", "in_hole", "closed")
-"""Relations whose target must not yield when an object is pushed into it."""
+"""Relations whose target must be fixed, because objects are pushed into it."""
 _ADJECTIVES = """
 big bright ceramic clean compact cylindrical dark deep empty flat folded fresh full glass glossy heavy juicy large
 leather light little long matte metal metallic modern narrow new old open ordinary paper plain plastic porcelain ripe
@@ -63,7 +63,7 @@ def unsuitable(asset: Asset, group: ObjectGroup, template: Template) -> str:
     if group.role in ("container", "fixture"):
         if "knob" in regions:
             return "it is a drawer"
-        # The sides of an anchor are alternatives; a ring needs its spout.
+        # An anchor needs at least one of the regions (its sides); other groups need all of them ("ring" and "spout").
         there = any(name in regions for name in needed) if len(needed) > 2 else set(needed) <= regions
         return "" if there else f"it has no region {' or '.join(map(repr, needed[:3]))}"
     if not asset.grasps:
@@ -180,7 +180,7 @@ def _colors_in(described: DescribedObject) -> tuple[str, ...]:
 
 
 def _size_problem(described: DescribedObject, entry: CatalogueEntry) -> str:
-    """Return a message if an asset is less than half as large as estimated, or more than twice as large."""
+    """Return a message if an asset is less than half or more than twice as large as estimated, otherwise ""."""
     size, (low, high) = entry.largest_m, described.size_m
     if size is None or 0.5 * low <= size <= 2.0 * high:
         return ""

@@ -95,7 +95,7 @@ def build_suite(
         WorkerError: If worker processes keep dying.
     """
     if not scenarios:
-        raise InvalidInputError("scenarios", "there are none", "Give at least one scenario")
+        raise InvalidInputError("scenarios", "the list is empty", "Give at least one scenario")
     require_suite_name(name)  # before hours of work
     settings = settings or Settings()
     if meshes is not None:
@@ -224,7 +224,7 @@ def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
     form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
     if form.get("key") != _key(
         item, settings
-    ):  # made with other settings or another version, so it may have another format
+    ):  # the result belongs to other settings or another version, so it may have another format
         return None
     return read_form(_RESULT, form, where=str(path), cure=_CURE)
 

@@ -1,4 +1,4 @@
-"""Demonstrations and certificate of a task that is not yet in a file."""
+"""Measurement of demonstrations, and certification, for a task that has not been written to a file yet."""
 
 from __future__ import annotations
 

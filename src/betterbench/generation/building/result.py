@@ -35,7 +35,7 @@ class Failure:
         seeds: Seeds that fail.
         clause: Letter of the first failed clause.
         meaning: What the clause requires.
-        text: Finding on the first seed.
+        text: Result of the clause for the first seed that fails.
     """
 
     condition: str

@@ -85,12 +85,12 @@ def write_scenarios(
     drawn = list(itertools.islice(_drawn(themes, wanted, rng), count))
     if not drawn:
         nouns = ", ".join(want.noun for want in wanted)
-        problem = f"the grammar holds no scenario of {template} with these objects together: {nouns}"
-        cure = "Name fewer objects, or objects of other kinds or colors; or use a model with --model"
+        problem = f"the grammar has no scenario of {template} with all these objects: {nouns}"
+        cure = "Use fewer objects, or objects of other kinds or colors; or use a model with --model"
         raise InvalidInputError("sentence", problem, cure)
     if len(drawn) < count:
         which = " with these objects" if wanted else ""
-        problem = f"the grammar holds {len(drawn)} different scenarios of {template}{which}, not {count}"
+        problem = f"the grammar has {len(drawn)} different scenarios of {template}{which}, not {count}"
         raise InvalidInputError("--num", problem, f"Give --num {max(1, len(drawn))} or less, or a model with --model")
     return tuple(scenario_of(template, theme, choice, rng) for theme, choice in drawn)
 
@@ -167,7 +167,7 @@ def _theme_for(grammar: Grammar, wanted: Sequence[Wanted]) -> Theme:
         if len(mine) > most:
             nouns = ", ".join(want.noun for want in mine)
             raise InvalidInputError(
-                "sentence", f"names {len(mine)} objects for the group {group_id!r} ({nouns})", f"Name at most {most}"
+                "sentence", f"has {len(mine)} objects for the group {group_id!r} ({nouns})", f"Use at most {most}"
             )
         if not mine:
             groups[group_id] = usual

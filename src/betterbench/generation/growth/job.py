@@ -154,8 +154,10 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
     require_between("--until", settings.until, 1, MOST_TASKS)
     require_suite_name(settings.name, where="--name")
     if author.target and author.sentence:
-        cure = "Name a template, or leave it out for all templates"
-        raise InvalidInputError("better generate", "a sentence describes one scenario, and --until needs many", cure)
+        cure = "Give a template, or leave it out for all templates"
+        raise InvalidInputError(
+            "better generate", "a sentence describes a single scenario, but --until needs many", cure
+        )
     if author.num is not None:
         raise InvalidInputError("--num", "cannot be combined with --until", "Leave out --num")
     endpoint_of(author)
@@ -207,7 +209,7 @@ def grow_suite(
         InvalidInputError: If the replay has no exchange, or a stored result is damaged.
         ModelError: If the model cannot be reached; everything so far is kept.
         RecordError: If the journal of proposals was changed.
-        RunConflictError: If the folder holds a suite with other settings.
+        RunConflictError: If the folder contains a suite with other settings.
         WorkerError: If worker processes keep dying.
     """
     settings = prepared.settings

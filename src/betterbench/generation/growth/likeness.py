@@ -1,4 +1,4 @@
-"""Keys of near-duplicates: tasks with the same template and the same categories have the same key."""
+"""Detection of near-duplicates: tasks with the same template and the same object categories have the same key."""
 
 from __future__ import annotations
 

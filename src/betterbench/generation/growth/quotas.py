@@ -115,7 +115,7 @@ def _quota(kind: Kind, value: str, amount: str, where: str) -> Quota:
         )
     if high is not None and low > high:
         raise InvalidInputError(
-            place, f"the least amount of {amount!r} is above the largest", "Write the smaller first"
+            place, f"the smallest amount in {amount!r} is above the largest", "Write the smaller first"
         )
     return Quota(kind, _known(kind, value, place), low, high, in_percent)
 
@@ -249,14 +249,14 @@ def _require_room(kind: Kind, quotas: Sequence[Quota], until: int, supply: Suppl
         leasts, mosts = [q.least_of(until) for q in quotas], [q.most_of(until) for q in quotas]
         names = {"template": len(supply.templates), "difficulty": len(Difficulty), "context": -1}[kind]
     if sum(leasts) > total:
-        problem = f"these quotas need {sum(leasts):g}{unit}, and there are {total}: {listed}"
+        problem = f"these quotas need {sum(leasts):g}{unit}, but there are only {total}: {listed}"
         raise InvalidInputError("--quota", problem, "Lower one of them, or raise --until")
     for quota, least, most in zip(quotas, leasts, mosts, strict=True):
         if least > most:
-            problem = f"of {until} tasks, at least {least:g} and at most {most:g} are asked for"
+            problem = f"requires at least {least:g} and at most {most:g} of {until} tasks"
             raise InvalidInputError(f"--quota {quota}", problem, "Widen the range, or raise --until")
     if len(quotas) == names and sum(mosts) < total:
-        problem = f"these quotas allow {sum(mosts):g}{unit}, and there are {total}: {listed}"
+        problem = f"these quotas allow only {sum(mosts):g}{unit}, but there are {total}: {listed}"
         raise InvalidInputError("--quota", problem, "Raise one of the largest amounts")
 
 
@@ -273,7 +273,7 @@ def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None
             continue
         least = quota.least_of(until)
         if found is not None and found < least:
-            problem = f"asks for {least} tasks, and the grammar has {found} different goals for it"
+            problem = f"needs {least} tasks, but the grammar has only {found} different goals for it"
             raise InvalidInputError(
                 f"--quota {quota}", problem, f"Ask for {found} or less, or use a model with --model"
             )
@@ -281,6 +281,6 @@ def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None
     if all(goals is not None for goals, _ in limits):
         total = sum(min(goals or 0, top) for goals, top in limits)
         if total < until:
-            problem = f"asks for {until} tasks, and the grammar has {total} different goals for these quotas"
+            problem = f"needs {until} tasks, but the grammar has only {total} different goals for these quotas"
             cure = f"Ask for {total} or less, give --distinct colors, or use a model with --model"
             raise InvalidInputError("--until", problem, cure)

@@ -69,9 +69,9 @@ class Growth:
     Attributes:
         until: Requested number of tasks.
         stop: Why it stopped.
-        tasks: Certified tasks, in order; those with ``set_aside`` are no part of the suite.
+        tasks: Certified tasks, in order; those with a ``set_aside`` reason are not part of the suite.
         refused: Results of scenarios that could not be certified.
-        proposals: All proposals; those that are not drawn were left out before they were built.
+        proposals: All proposals; those whose outcome is not "drawn" were not built.
         quotas: State of the quotas.
         goals: Number of different goals of the author, None if it is not known.
         near_duplicates: Number of scenarios of the author that were left out as near-duplicates.

@@ -83,7 +83,7 @@ class OfflineSource:
     Args:
         templates: Templates of the scenarios.
         seed: Seed of all draws.
-        distinct: Difference that makes two scenarios no near-duplicates.
+        distinct: Difference required between two scenarios that are not near-duplicates.
         known: Keys of other tasks, whose near-duplicates are left out.
     """
 
@@ -179,7 +179,7 @@ class ModelSource:
         contexts: Contexts that can be requested, in addition to any.
         tries: Answers per scenario.
         open_vocabulary: Whether the model may use other objects than those of the library.
-        distinct: Difference that makes two scenarios no near-duplicates.
+        distinct: Difference required between two scenarios that are not near-duplicates.
         known: Names of other tasks by the key that their near-duplicates share.
     """
 

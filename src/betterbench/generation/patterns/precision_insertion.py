@@ -196,7 +196,7 @@ def _require_fit(item: a.ObjectSpec, rack: a.ObjectSpec) -> None:
         radius, hole = radius_below(asset, max(depths)), _half_width(rack, holder)
         clearance = hole - radius
         if not LEAST_CLEARANCE_M <= clearance <= MOST_CLEARANCE_M:
-            problem = f"has {mm(clearance)} of clearance a side in the holes of the {rack.kind} (look {asset.look})"
+            problem = f"has a clearance of {mm(clearance)} per side in the holes of the {rack.kind} (look {asset.look})"
             wanted = f"{mm(2.0 * (hole - MOST_CLEARANCE_M))} to {mm(2.0 * (hole - LEAST_CLEARANCE_M))}"
             cure = f"It needs {mm(LEAST_CLEARANCE_M)} to {mm(MOST_CLEARANCE_M)}; choose an object {wanted} wide"
             raise refused(item, problem, cure)

@@ -1,13 +1,14 @@
 """Goal stated in an instruction, and its parts that the template's pattern does not support.
 
 An instruction may state more than the objects: a side of the laptop, a hole of the rack, a number, an order.
-:func:`stated_goal` reads these parts. The supported parts are in :class:`StatedGoal`, from which the patterns take
-sides, drawers, holes and plates. Everything else is a problem that names the word, so no instruction states a goal that
-the task does not have.
+:func:`stated_goal` reads these parts. The supported parts are stored in :class:`StatedGoal`, from which the patterns
+take sides, drawers, holes and plates. For everything else, a problem with the unsupported word is reported, so every
+accepted instruction states exactly the goal of the task.
 
 - ``relations``: the words that are read.
 - ``reading``: nouns with the objects that they mean, and relations between them.
-- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, always unsupported.
+- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, which no pattern
+  supports.
 """
 
 from __future__ import annotations

@@ -38,7 +38,9 @@ class SeenObject:
     def __post_init__(self) -> None:
         """Raise InvalidInputError for an object without visible pixels."""
         if self.pixels <= 0:
-            raise InvalidInputError("pixels", f"{self.pixels}", "List only objects with visible pixels")
+            raise InvalidInputError(
+                "pixels", f"must be at least 1, got {self.pixels}", "List only objects with visible pixels"
+            )
 
     @property
     def side(self) -> int:
@@ -99,7 +101,7 @@ def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
                 best = found if best is None else min(best, found)
         start += length
     if best is None:
-        raise InvalidInputError("runs", "contain no pixel of the object", "Give at least two runs")
+        raise InvalidInputError("runs", "the run-length encoding has no visible pixel", "Give at least two runs")
     return best[1], best[2]
 
 

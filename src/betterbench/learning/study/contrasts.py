@@ -20,7 +20,7 @@ from betterbench.tasks import stream
 
 @dataclass(frozen=True, slots=True)
 class ArmFinding:
-    """Results of one arm's learners on one task, or on all tasks ("").
+    """Results of the learners in one arm, on one task or on all tasks (task "").
 
     Attributes:
         training: Success rate on training conditions.

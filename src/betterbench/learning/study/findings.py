@@ -41,7 +41,7 @@ SOLVED = 0.5
 DROPPED = 0.5
 """Training success below which a variation counts as failed in the prediction's score."""
 CONTRAST = "balanced against confounded"
-"""Names of a page's contrasts."""
+"""Name of the main contrast on a study page."""
 COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
 """Names of the contrasts that separate coverage from decorrelation. The arms in the first contrast differ in the number
 of shown conditions; the arms in the second differ in whether each word is tied to its place.
@@ -89,7 +89,7 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """Results on the variations whose words, categories and colors were seen by all learners.
+    """Results on the variations whose words, categories and colors all occur in every learner's training data.
 
     Attributes:
         variations: Number of these variations.
@@ -152,7 +152,8 @@ class StudyFindings:
         roles: Arm of each role.
         coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; empty without
             such an arm.
-        known: Results on the variations without anything never shown; None without the balanced and confounded arms.
+        known: Results on variations that contain only words and objects shown in training; None without the balanced
+            and confounded arms.
         repeated: Replication of the verdicts without the excluded learners; None unless both arms have two training
             seeds.
         doses: Results by the share of demonstrations with confounds; empty for a plan without mixtures.
@@ -172,7 +173,7 @@ class StudyFindings:
 
     @property
     def compared(self) -> tuple[ArmContrast, ...]:
-        """All contrasts: over all tasks, by task, and on the variations without anything never shown."""
+        """All contrasts: over all tasks, by task, and on the variations of :class:`KnownFinding`."""
         known = () if self.known is None else (self.known.contrast,)
         return (*self.contrasts, *known, *self.coverage)
 
@@ -225,7 +226,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return the results on the variations without anything new to either arm."""
+    """Return the results on the variations that contain only words and objects known to both arms."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [

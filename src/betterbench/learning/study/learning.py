@@ -1,4 +1,4 @@
-"""Training of the learners of a study, one in this process or several in parallel processes.
+"""Training of a study's learners, one in this process or several in parallel processes.
 
 A learner of this size uses one CPU core, so two learners in parallel take as long as one.
 """

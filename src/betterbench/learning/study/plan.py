@@ -150,17 +150,15 @@ class StudyPlan:
         names = Counter(learner.name for learner in self.learners())
         twice = next((name for name, times in names.items() if times > 1), None)
         if twice is not None:
-            raise InvalidInputError(
-                "levers", f"two learners would have the name {twice}", "Rename the arm or the lever"
-            )
+            raise InvalidInputError("levers", f"two learners would be named {twice}", "Rename the arm or the lever")
 
     def _require_few(self) -> None:
-        """Raise InvalidInputError for too many learners or trials, from the numbers of the plan."""
+        """Raise InvalidInputError if the plan has too many learners or trials."""
         plain = len(self.tasks) * len(self.arms)
         levered = sum(len(v.tasks or self.tasks) * len(v.arms or self.arms) for v in self.levers)
         learners = len(self.seeds) * (plain + levered)
         if learners > MOST_LEARNERS:
-            raise InvalidInputError("seeds", f"they make {learners} learners", f"Give at most {MOST_LEARNERS}")
+            raise InvalidInputError("seeds", f"the plan has {learners} learners", f"Give at most {MOST_LEARNERS}")
         most = max(len(get_task(task).variations) for task in self.tasks) + 1
         if len(self.tasks) * most * self.trials > MOST_TRIALS:
             problem = f"{self.trials} per variation make more than {MOST_TRIALS} trials for the learners of a seed"
@@ -176,7 +174,7 @@ class StudyPlan:
                     yield from (PlannedLearner(task, arm, seed, lever.name) for arm in lever.arms or self.arms)
 
     def start_of(self, learner: PlannedLearner) -> PlannedLearner | None:
-        """Return the learner from whose weights another one starts, or None."""
+        """Return the learner whose weights initialize another one, or None."""
         lever = self._lever_of(learner)
         if lever is None or lever.start is None:
             return None
@@ -191,7 +189,7 @@ class StudyPlan:
         return next((v for v in self.levers if v.name == learner.lever), None)
 
     def _require_comparable(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError for a lever that cannot be compared with the one that it names."""
+        """Raise InvalidInputError if a lever cannot be compared with its ``against`` lever."""
         if lever.against is None:
             return
         others = {v.name: v for v in self.levers if v is not lever}
@@ -207,13 +205,13 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, f"Give both levers the same {name}")
 
     def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
-        """Raise InvalidInputError for a start whose weights have different shapes than the new learner's."""
+        """Raise InvalidInputError if the initial weights have other shapes than the weights of the new learner."""
         start = self.start_of(learner)
         if start is None:
             return
         plain = self.recipe_of(start, ("data",))
         if plain.co_training is not None or recipe.co_training is not None:
-            problem = "its start learner answers questions about other demonstrations, or none"
+            problem = "its start learner was trained with questions about other demonstrations, or without questions"
             raise InvalidInputError(
                 f"lever {learner.lever}.co_training", problem, "Leave out co_training, or the start"
             )
@@ -227,7 +225,7 @@ class StudyPlan:
             raise InvalidInputError(where, problem, "Leave out this field, or change it in the recipe of the study")
 
     def _require_words_known(self, where: str, lever: Lever) -> None:
-        """Raise InvalidInputError for a start whose vocabulary lacks words of the lever's demonstrations."""
+        """Raise InvalidInputError if the initial weights' vocabulary lacks words of the lever's demonstrations."""
         if lever.start is None:
             return
         for task, arm in itertools.product(lever.tasks or self.tasks, lever.arms or self.arms):
@@ -277,7 +275,7 @@ class StudyPlan:
         where = "recipe" if lever is None else f"lever {lever.name}"
         for name in OWN_FIELDS:
             if name in given:
-                raise InvalidInputError(f"{where}.{name}", "it is set by the study", "Leave it out")
+                raise InvalidInputError(f"{where}.{name}", "is set by the study", "Leave it out")
         begins = lever is not None and lever.start is not None
         if "frozen" in given and not begins:
             problem = "untrained weights would be frozen"
@@ -302,7 +300,7 @@ class StudyPlan:
 def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
     """Return the form of a co-training with questions created by the study."""
     if not isinstance(given, dict):
-        raise InvalidInputError(where, "it is not a mapping", "Give {weight: 0.25}, or omit the field")
+        raise InvalidInputError(where, "is not a mapping", "Give {weight: 0.25}, or leave out the field")
     if "sets" in given:
         raise InvalidInputError(
             f"{where}.sets", "the study creates its own questions", "Leave out sets, or the questions"

@@ -1,4 +1,4 @@
-"""Stages of a study: sets, learners, and runs, in this order. Finished work is never repeated.
+"""Stages of a study: demonstration sets, learners and runs, in this order. Finished work is never repeated.
 
 ``OUT/stages/NAME.json`` marks a complete stage and contains its inputs, its outputs and a checksum. An interrupted
 stage is resumed by the package that does the work, with the same bytes as result. The output of a stage is verified
@@ -268,7 +268,7 @@ class _Study:
         threads = 0
         for learner in learners:
             if self._plan.start_of(learner) in [one.learner for one in group]:
-                break  # this one starts from the weights of a learner in the group
+                break  # this learner starts with the weights of a learner in the same group
             one = self._learning(learner, hashes)
             threads += one.job.recipe.threads
             if group and threads > self._workshop.threads:
@@ -316,9 +316,13 @@ class _Study:
         for one in group:
             output = self._counted("learners", one.learner.name, one.inputs)
             address = str(output["address"]).replace(_HERE, str(self._out))
-            if address != learned_address(one.job.out):  # another address could run any policy, even a file of code
+            if address != learned_address(
+                one.job.out
+            ):  # another address could run any policy, even Python code from a file
                 file = self._marker("learners", one.learner.name)
-                raise RecordError(f"{file}: output.address does not name the learner {one.learner.name}. {_CURE}.")
+                raise RecordError(
+                    f"{file}: output.address is not the address of the learner {one.learner.name}. {_CURE}."
+                )
             policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))
             self._digests[one.learner] = policies[-1].digest
         return policies
@@ -362,7 +366,7 @@ class _Study:
         return self._out / STAGES / f"{kind}-{name}.json"
 
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
-        """Return the record of a complete stage, or None if it is not complete for these inputs."""
+        """Return the record of a stage that was completed with these inputs, or None."""
         path = self._marker(kind, name)
         there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None

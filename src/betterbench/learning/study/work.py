@@ -1,4 +1,4 @@
-"""Work that a study delegates: making a training set, and training, evaluating and diagnosing a learner."""
+"""Operations that a study delegates: creating demonstrations, and training, evaluating and diagnosing learners."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _require_set(place: Path, sha256: str) -> None:
     """Raise RecordError if a set's demonstrations have changed since it was made."""
     if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
         raise RecordError(
-            f"{place}: contains demonstrations that this study did not make. Restore the original set, or run a new "
+            f"{place}: contains demonstrations that this study did not create. Restore the original set, or run a new "
             "study in another folder; nothing was deleted."
         )
 
@@ -113,6 +113,6 @@ def _require_evaluated(run: RunFolder, policy: TrainedPolicy) -> None:
     checkpoint = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if checkpoint != f"sha256 {policy.digest}" or run.context.get("policy_changes"):
         raise RecordError(
-            f"{run.path}: was not made with the weights of {policy.address} trained by this study. Move the folder "
+            f"{run.path}: does not use the weights of {policy.address} trained by this study. Move the folder "
             f"elsewhere and run the same command again to evaluate them."
         )

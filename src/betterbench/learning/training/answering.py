@@ -29,9 +29,9 @@ _KEPT_RECORDS = 8
 class LearnerModel:
     """Learner that answers the questions of one set; see :class:`~betterbench.vqa.llm.Model`.
 
-    Questions are looked up by image and text, because a model gets nothing else. Two options in the same cell of
-    the image have the same class; the learner then chooses one of them by a hash of the question, which is right in one
-    of two cases.
+    Questions are looked up by image and prompt, because a model receives nothing else. If two options are in the same
+    cell of the image, the learner cannot distinguish them: one is then chosen by a hash of the question, and is right
+    half of the time.
     """
 
     def __init__(self, name: str, learner: Learner, asked: QuestionSet, run: RunFolder) -> None:
@@ -51,8 +51,8 @@ class LearnerModel:
         planned = {str(entry.key) for entry in run.entries()}
         other = next((q.source.trial for q in asked.questions if str(q.source.trial) not in planned), None)
         if other is not None:
-            problem = f"{run.path} has no trial {other}, about which {asked.path} asks"
-            raise InvalidInputError("--records", problem, "Name the run from which better vqa made the set")
+            problem = f"{run.path} has no trial {other}, but {asked.path} has questions about it"
+            raise InvalidInputError("--records", problem, "Give the run from which better vqa created the set")
         self.name = name
         self._learner = learner
         self._number = {answer: i for i, answer in enumerate(learner.trained.vocabulary.answers)}
@@ -71,7 +71,7 @@ class LearnerModel:
         """Return the answer to a question of the set, in the form that its prompt requests.
 
         Raises:
-            RefusedError: If the set has no such question, or no answer of its form occurred in training.
+            RefusedError: If the set has no such question, or none of its possible answers occurred in training.
         """
         found = self._questions.get(_digest(pictures[0]), ()) if pictures else ()
         question = next((q for q in found if prompt.startswith(q.prompt)), None)

@@ -132,7 +132,9 @@ def read_training_set(
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
     episodes = list(_episodes(runs, chosen, recipe.longest_pause, on_read))
     if all(episode.trial.seed in held_out for episode in episodes):
-        raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
+        raise InvalidInputError(
+            "validation", "all demonstrations are held out", "Give more demonstrations, or validation: 0"
+        )
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
     asked = _asked(recipe, chosen)
     data = _joined(episodes, held_out, digest, recipe, asked)
@@ -164,7 +166,7 @@ def read_training_set(
 
 
 def require_questions(recipe: TrainingRecipe) -> None:
-    """Raise an error if the question sets of a recipe are not about its demonstrations, which are not read.
+    """Raise an error if the question sets of a recipe are not about its demonstrations, without reading the latter.
 
     Raises:
         BetterError: As :func:`read_training_set` does.
@@ -217,7 +219,7 @@ def _opened(place: str) -> RunFolder:
     if not place or not (folder / "run.json").is_file():
         problem = f"{place!r} contains no demonstrations"
         raise InvalidInputError(
-            "data", problem, "Name folders of better dataset, or runs of collect, amplify or teleop"
+            "data", problem, "Give folders of better dataset, or runs of collect, amplify or teleop"
         )
     return RunFolder.open(folder)
 

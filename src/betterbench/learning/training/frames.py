@@ -205,7 +205,9 @@ class _Header:
     def __post_init__(self) -> None:
         """Raise InvalidInputError for images that are not square."""
         if self.shape[2] != self.shape[3]:
-            raise InvalidInputError("shape", f"has images of {self.shape[2]} x {self.shape[3]}", "Use square images")
+            raise InvalidInputError(
+                "shape", f"has images of {self.shape[2]} x {self.shape[3]} pixels", "Use square images"
+            )
 
 
 _HEADER = TypeAdapter(_Header)
@@ -235,7 +237,7 @@ class FrameStore:
 
     def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
         if len({e.shape[1:] for e in episodes}) > 1:
-            raise InvalidInputError("frames", "they have different shapes", "Give the frames of one recipe")
+            raise InvalidInputError("frames", "have different shapes", "Give the frames of one recipe")
         self._episodes = tuple(episodes)
         self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
         self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()

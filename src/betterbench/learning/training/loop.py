@@ -52,14 +52,14 @@ _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
-_STATE_CURE = "Train into another folder, or put the file back"
+_STATE_CURE = "Train into another folder, or restore the file"
 _CURES = {
     "torch": "Continue with that version of torch",
     "device": "Continue with that --device",
     "processes": "Continue with as many processes",
     "learner": "Continue with the learner's original file; a copy of it is in task_files",
 }
-"""Remedies if a resumed training differs in anything other than recipe and data."""
+"""Remedies by setting, if a resumed training differs in a setting other than recipe and data."""
 _PATIENCE = timedelta(hours=6)
 """Maximum wait of the processes for the first process, which validates and writes."""
 
@@ -421,7 +421,7 @@ def _identity(form: Mapping[str, Any]) -> str:
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity of a training without input paths, because inputs are identified by their hashes."""
+    """Return the description of a training without input paths, because inputs are identified by their hashes."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)

@@ -20,11 +20,11 @@ def _require(options: ModelOptions) -> None:
     needed = (("--data", options.data, "set of better vqa"), ("--records", options.records, "run of that set"))
     for option, path, what in needed:
         if path is None:
-            raise InvalidInputError(option, "is missing; a learner answers about recorded states", f"Name the {what}")
+            raise InvalidInputError(option, "is missing; a learner needs recorded states to answer", f"Give the {what}")
     given = {"--eyes": options.eyes is not Eyes.NATIVE, "--coordinates": options.coordinates is not None}
     for option, is_given in given.items():
         if is_given:
-            raise InvalidInputError(option, "it does not apply to a learner, which gets no images", "Leave it out")
+            raise InvalidInputError(option, "does not apply to a learner, which receives no images", "Leave it out")
 
 
 def _make(options: ModelOptions, cache: ReplyCache | None) -> Model:

@@ -81,9 +81,9 @@ class OwnAnswers:
 
     Attributes:
         where: Task with variation or training condition.
-        cells: Answers that name the object's cell, out of all answers.
-        nearest: Answers with a cell nearer to the object than to any other one, out of all answers.
-        trials: Trials in which all answers are nearest to the object, out of all trials.
+        cells: Share of answers that are the object's cell.
+        nearest: Share of answers whose cell is nearer to the object than to any other object.
+        trials: Share of trials in which this is true of all answers.
     """
 
     where: str
@@ -226,11 +226,11 @@ def require_answers(learner: Learner, option: str = "--learner") -> None:
     """Raise an InvalidInputError that names an option for a learner that answers no questions or uses images."""
     recipe = learner.trained.recipe
     if not learner.trained.vocabulary.answers:
-        problem = "the learner was trained without questions, so it has no answers"
+        problem = "the learner was trained without questions, so it cannot answer any"
         raise InvalidInputError(option, problem, "Train one with co_training in its recipe")
     if recipe.sees != "objects":
-        problem = f"the learner of family {recipe.family!r} uses images, but only learners of objects are supported"
-        raise InvalidInputError(option, problem, "Name a learner of objects")
+        problem = f"the learner of family {recipe.family!r} uses images, but only the family 'objects' is supported"
+        raise InvalidInputError(option, problem, "Give a learner of the family 'objects'")
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:
@@ -241,4 +241,4 @@ def _require_asked(learner: Learner, run: RunFolder) -> None:
     played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
     if played != f"sha256 {learner.fingerprint}":
         problem = f"{run.path} is a run of {'other weights' if played else 'another kind of policy'}"
-        raise InvalidInputError("--learner", problem, "Name the checkpoint of the run")
+        raise InvalidInputError("--learner", problem, "Give the checkpoint of the run")

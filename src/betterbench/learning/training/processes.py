@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
 
-_CURE = "Start it under torchrun, or unset them"
+_CURE = "Start the command with torchrun, or unset these variables"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +47,11 @@ class TrainingProcesses:
         On a machine with several GPUs, each process uses the GPU with its own index.
 
         Raises:
-            InvalidInputError: If one GPU is named for several processes.
+            InvalidInputError: If a single GPU is selected for several processes.
         """
         if self.size == 1 or not named.startswith("cuda"):
             return named
         if named != "cuda":
-            problem = f"names one GPU for {self.size} processes"
+            problem = f"selects one GPU for all {self.size} processes"
             raise InvalidInputError(f"--device {named}", problem, "Give cuda, so that each process takes its own GPU")
         return f"cuda:{self.local_rank}"

@@ -25,7 +25,7 @@ from betterbench.vqa import Question, QuestionSet, read_set
 from betterbench.vqa.blind import answer_class, box_cell, in_cells
 from betterbench.vqa.types.grounding import CELLS
 
-_CURE = "Make a set with better vqa from the demonstrations that the recipe names"
+_CURE = "Create a set with better vqa from the demonstrations listed in the recipe"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ class AskedQuestions:
     sha256: tuple[str, ...]
 
     def texts(self, held_out: np.ndarray) -> list[str]:
-        """Return the texts of the training questions; ``held_out`` marks demonstrations that are not trained on."""
+        """Return the training questions as strings; ``held_out`` marks the demonstrations not used for training."""
         return [question_text(question) for episode, question in self.questions if not held_out[episode]]
 
     def answers(self, held_out: np.ndarray) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
             if made.is_about(*records[episode])
         ]
         if not asked:
-            problem = f"none of its {len(made.questions)} questions is about a training demonstration"
+            problem = f"its {len(made.questions)} questions are not about any demonstration of the recipe"
             raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
         found += asked
     return AskedQuestions(tuple(sorted(found, key=lambda item: (item[0], item[1].id))), tuple(s.sha256 for s in sets))
@@ -127,7 +127,7 @@ def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]
 
 def _checked(made: QuestionSet) -> QuestionSet:
     if made.purpose != "training":
-        problem = "it is about evaluation trials, which must not be used for training"
+        problem = "contains questions about evaluation trials, which must not be used for training"
         raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
     return made
 
@@ -170,7 +170,7 @@ def training_questions(
     questions = [question for _, question in asked.questions]
     episodes = np.array([episode for episode, _ in asked.questions], dtype=np.int64)
     if held_out[episodes].all():
-        cure = "Make a larger set, or give validation: 0"
+        cure = "Create a larger set, or give validation: 0"
         raise InvalidInputError("co_training", "all questions are about held-out demonstrations", cure)
     for episode, question in asked.questions:
         if question.source.row > records[episode].n_steps:

@@ -107,7 +107,7 @@ def right_answers(
 
 
 def _apart(given: np.ndarray, wanted: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """Return per frame the mean distance [mm], mean angle [degree] and share of wrong gripper commands, (B, 3)."""
+    """Return the mean distance [mm], mean angle [degree] and share of wrong gripper commands of each frame, (B, 3)."""
     weights = counted / counted.sum(axis=1, keepdims=True)
     away = 1000.0 * TRANSLATION_PER_UNIT_M * np.linalg.norm(given[..., :3] - wanted[..., :3], axis=-1)
     turn = np.degrees(ROTATION_PER_UNIT_RAD * np.linalg.norm(given[..., 3:6] - wanted[..., 3:6], axis=-1))

@@ -36,7 +36,7 @@ class BeingHServer(EndpointServer):
     def _decode(self, answer: bytes, endpoint: str) -> Mapping[str, Any]:
         reply = read_torch(answer)
         if not isinstance(reply, Mapping):
-            raise PolicyError(f"{self._where} answers {endpoint} with a {type(reply).__name__} instead of a map.")
+            raise PolicyError(f"{self._where}: expected a map in reply to {endpoint}, got {type(reply).__name__}.")
         return reply
 
 
@@ -94,5 +94,5 @@ def _numbers(chunk: object, where: str) -> np.ndarray:
     except (TypeError, ValueError):
         array = np.zeros(0, dtype=np.float32)
     if array.ndim not in (2, 3) or not array.size:
-        raise PolicyError(f"{where}: {_UNIFIED} is not a chunk of numbers, (horizon, dim).")
+        raise PolicyError(f"{where}: expected {_UNIFIED} as numbers of shape (horizon, dim).")
     return array

@@ -32,11 +32,11 @@ _WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
-"""Policy types that answer a complete chunk from a single observation. All others keep a memory of observations."""
+"""Policy types that predict a chunk from a single observation. All other types remember earlier observations."""
 
 NOISE_TYPES = ("smolvla", "pi0", "pi05")
-"""Policy types that start from noise. betterbench provides the noise, so that an answer does not depend on its
-batch."""
+"""Policy types that sample from noise. betterbench provides the noise, so that the actions do not depend on the other
+observations in a batch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Features:
         for key, feature in (config.input_features or {}).items():
             kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
             if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
-                # leave out cameras that the policy was trained to do without
+                # skip placeholder cameras, which are empty in training too
                 if "empty_camera" not in key:
                     images[key] = (int(shape[1]), int(shape[2]))
             elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
@@ -79,7 +79,9 @@ class Features:
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
         if len(shape) != 1:
             raise InvalidInputError(
-                where, f"it answers {one_line(sorted(outputs), most=200)}, not a flat action", "Train it on 'action'"
+                where,
+                f"its outputs are {one_line(sorted(outputs), most=200)} instead of one action vector",
+                "Train it on 'action'",
             )
         return cls(images, states, int(shape[0]))
 
@@ -140,7 +142,9 @@ class Checkpoint:
             # LeRobot can raise anything for an unusable checkpoint; report it as a one-line error
             problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
-                where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"
+                where,
+                f"LeRobot cannot load it ({problem})",
+                "Give a folder or hub id of a checkpoint of LeRobot 0.4 or newer",
             ) from error
         self.policy = made.to(self.device).eval()
         self.versions = {name: str(_import(name).__version__) for name in ("lerobot", "torch")}
@@ -169,7 +173,7 @@ class Checkpoint:
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
             raise InvalidInputError(
                 where,
-                f"it has no {_PREPROCESSOR}, so its normalization is not known",
+                f"{_PREPROCESSOR} is missing, so the normalization is unknown",
                 "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
             )
 
@@ -258,7 +262,7 @@ def _processor_files(path: str) -> dict[str, Path]:
         try:
             found[name] = Path(hub.hf_hub_download(path, name))
         except errors.EntryNotFoundError as error:
-            # a failed download does not mean that the file is missing: LeRobot might download it a moment later
+            # raise download errors: the file may exist, and LeRobot might download it a moment later
             if isinstance(error, errors.LocalEntryNotFoundError):
                 raise
     return found
@@ -302,7 +306,7 @@ def _located(target: str, where: str) -> str:
     if folder.exists() or not _HUB_ID.fullmatch(target):
         there = "contains no config.json" if folder.exists() else "does not exist"
         raise InvalidInputError(
-            where, f"{target} {there}", "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub"
+            where, f"{target} {there}", "Give the folder pretrained_model saved by LeRobot, or OWNER/NAME on the hub"
         )
     return target
 
@@ -315,8 +319,8 @@ def _check_form(file: Path, where: str) -> None:
     if not isinstance(form, dict) or not isinstance(form.get("type"), str):
         raise InvalidInputError(
             where,
-            f"{file.name} does not name a policy type, so it is not a checkpoint of LeRobot",
-            "Name another folder",
+            f"{file.name} has no policy type, so this is not a LeRobot checkpoint",
+            "Give another folder",
         )
 
 

@@ -1,6 +1,6 @@
-"""Check for code that loading a LeRobot checkpoint would run. Such code is rejected unless the user trusts the author.
+"""Check whether loading a LeRobot checkpoint would run its author's code, which the user must allow explicitly.
 
-LeRobot makes each of its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
+LeRobot creates its processor steps from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
 with a ``registry_name`` belongs to LeRobot. A step with a ``class`` can name any function in any module, for example
 ``os.system``, which is called with the arguments in the file (``_resolve_step_class`` of
 ``lerobot/processor/pipeline.py``). Some policy types load a tokenizer with ``trust_remote_code`` from a repository that
@@ -49,7 +49,9 @@ def require_no_code(config: object, files: Mapping[str, Path], where: str) -> No
             if not isinstance(step.get("registry_name"), str):
                 called = one_line(repr(step.get("class")), most=80)
                 problem = f"{place} names the class {called}, which is not one of LeRobot's registered steps"
-                raise InvalidInputError(where, f"{problem}: loading it runs code that the checkpoint chooses", _CURE)
+                raise InvalidInputError(
+                    where, f"{problem}: loading it would run code chosen by the checkpoint's author", _CURE
+                )
             for key, value in _entries(step):
                 _require_known(key, value, f"{key} in {place}", where)
 
@@ -58,7 +60,9 @@ def _require_known(name: str, value: object, place: str, where: str) -> None:
     known = _CODE_OF.get(name)
     if known is not None and value is not None and value != known:
         shown = one_line(repr(value), most=80)
-        raise InvalidInputError(where, f"{place} is {shown} and not {known!r}: its code would be run", _CURE)
+        raise InvalidInputError(
+            where, f"{place} is {shown} instead of {known!r}, so loading it would run code from there", _CURE
+        )
 
 
 def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
@@ -71,7 +75,7 @@ def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
         raise InvalidInputError(where, f"{name} cannot be read ({one_line(error, most=200)})", cure) from error
     steps = form.get("steps") if isinstance(form, dict) else None
     if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
-        raise InvalidInputError(where, f"{name} contains no list of steps", cure)
+        raise InvalidInputError(where, f"{name} does not contain a list of steps", cure)
     return steps
 
 

@@ -17,7 +17,7 @@ _MOST_STEPS = 4096
 """Maximum length of a chunk or history [steps]; LeRobot's own configurations use at most 100."""
 
 _ALWAYS_ALLOWED = 16_000_000
-"""Number of parameters allowed for any file, because LeRobot builds and then replaces a backbone."""
+"""Number of parameters always allowed, because LeRobot first builds a backbone that it then replaces."""
 
 
 _MOST_TENSORS = 100_000
@@ -25,7 +25,7 @@ _MOST_TENSORS = 100_000
 
 
 def require_short_horizons(config: object, where: str) -> None:
-    """Check the numbers of steps in a configuration, because LeRobot allocates tables for them.
+    """Check the chunk and history lengths in a configuration, because LeRobot allocates tables of these lengths.
 
     Raises:
         InvalidInputError: If a number is above 4,096.
@@ -65,9 +65,9 @@ def bounded_parameters(file_bytes: int, where: str) -> Iterator[None]:
             size = f"{most:,} parameters" if seen > most else f"{_MOST_TENSORS:,} weight tensors"
             raise InvalidInputError(
                 where,
-                f"its config.json describes a network of more than {size}, but the file of its weights has "
+                f"its config.json describes a network with more than {size}, but the weights file has only "
                 f"{file_bytes:,} bytes",
-                "Take config.json and the weights from the same checkpoint",
+                "Use config.json and the weights of the same checkpoint",
             )
 
     modules = importlib.import_module("torch.nn.modules.module")

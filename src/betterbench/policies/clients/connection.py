@@ -70,14 +70,14 @@ class ConnectionLimits:
         usual = cls()
         limits = cls(
             timeout_s=address.number("timeout", usual.timeout_s),
-            # a deadline in the address applies from the first request on, unless warmup is given too
+            # a deadline given in the address also applies to the first request, unless warmup is given
             warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
             retries=address.whole("retries", usual.retries),
             patience_s=address.number("patience", usual.patience_s),
             seed=seed,
         )
         if min(limits.timeout_s, limits.warmup_s) <= 0.0:
-            raise address.error("a deadline of 0 leaves no time to answer", "Give seconds")
+            raise address.error("the deadline must be above 0", "Give the number of seconds")
         for name, value, most in (
             ("timeout", limits.timeout_s, LONGEST_WAIT_S),
             ("warmup", limits.warmup_s, LONGEST_WAIT_S),
@@ -98,8 +98,8 @@ class PolicyConnection(Generic[Connection]):
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
         """Prepare the connection, without contacting the server yet.
 
-        ``dial`` connects, with the handshake, within the given time [s]. ``dial`` raises OSError if another attempt may
-        help, and a BetterError otherwise.
+        ``dial`` connects and does the handshake within the given time [s]. It raises OSError if another attempt may
+        succeed, and a BetterError otherwise.
         """
         self._where, self._dial, self._limits = where, dial, limits
         self._draw = np.random.default_rng(limits.seed)
@@ -133,7 +133,7 @@ class PolicyConnection(Generic[Connection]):
             self._check_open()
             left = self._limits.patience_s - (time.monotonic() - began)
             try:
-                # the last attempt, or a single attempt without patience, still gets one second
+                # give the last attempt, or the only one if patience is 0, at least one second
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
                 left = self._limits.patience_s - (time.monotonic() - began)
@@ -158,7 +158,7 @@ class PolicyConnection(Generic[Connection]):
 
         Args:
             exchange: Function that sends the request over a connection and returns the reply, within the given time
-                [s]. Raises OSError (TimeoutError, ConnectionError) if another attempt may help, and PolicyError
+                [s]. It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
                 otherwise.
             replies: False for a message that the server does not answer.
 

@@ -1,4 +1,4 @@
-"""Requests and declarations of Dexbotic's inference server at ``http://host:7891/v1/infer``.
+"""Requests to Dexbotic's inference server at ``http://host:7891/v1/infer``, and its declarations.
 
 ``POST /v1/infer`` takes JSON: the prompt, images (by slot number) as PNG files in base64, and a state. The answer
 contains ``actions``. ``POST /process_frame``, of older releases, takes the same data as a form with files and returns
@@ -69,7 +69,7 @@ def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]
     seen = request.get(OBSERVATION)
     images = seen.get("images") if isinstance(seen, Mapping) else None
     if not isinstance(seen, Mapping) or not isinstance(images, Mapping) or not all(map(str.isdecimal, images)):
-        raise PolicyError(f"{FORM_PATH} takes the layout of preset dexbotic. Give this preset, or another path.")
+        raise PolicyError(f"{FORM_PATH} requires the layout of preset dexbotic. Give this preset, or another path.")
     fields = {"text": str(seen.get("prompt", "")), "episode_first_frame": str(first)}
     if isinstance(seen.get("state"), np.ndarray):
         fields["states"] = json.dumps(seen["state"].tolist())
@@ -93,11 +93,11 @@ def read_form_answer(reply: object) -> object:
 def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
     """Return a server's declaration of its model, after comparing it with an adapter.
 
-    Raises HandshakeError with both sides if the model needs an image, a state or an action size that the adapter lacks,
-    or generates no actions.
+    Raises HandshakeError, with both declarations, if the model needs an image, a state or an action size that the
+    adapter lacks, or does not generate actions.
     """
     if not isinstance(told, Mapping):
-        raise HandshakeError(f"{where} declares capabilities that are not a map. Update the server.")
+        raise HandshakeError(f"{where}: expected its capabilities as a map. Update the server.")
     found = []
     if told.get("vla") is False:
         found.append("the model generates text instead of actions")
@@ -112,7 +112,7 @@ def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str
         found.append("state: the model needs a state, the adapter sends none")
     size, columns = _map(told, "action_spec").get("action_dim"), sum(adapter.answer.columns.values())
     if isinstance(size, int) and not isinstance(size, bool) and size != columns:
-        found.append(f"actions: the model answers {size} numbers, the adapter reads {columns}")
+        found.append(f"actions: the model returns {size} numbers, the adapter reads {columns}")
     if found:
         raise HandshakeError(
             f"{where} and adapter {adapter.name} declare different conventions: {'; '.join(found)}. "

@@ -38,7 +38,7 @@ class EndpointServer:
         self._first("ping", end)
 
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
-        """Send a first request, whose failure means that the two sides are incompatible."""
+        """Send a request of the handshake; raise HandshakeError if it fails."""
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
@@ -59,7 +59,7 @@ class EndpointServer:
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
         """Return the decoded answer to a request, which must arrive within ``timeout_s`` [s].
 
-        ``declares`` marks a request for the server's declaration, which has a short answer.
+        Set ``declares`` for a request for the server's declaration, whose answer must be short.
 
         Raises OSError if no answer arrived, PolicyError if the server reports an error or the answer cannot be read.
         """
@@ -71,7 +71,7 @@ class EndpointServer:
         answer = self._client.ask(self._encode(question), max(0.0, timeout_s))
         self._check_frame(answer, endpoint)
         if answer == ERROR_REPLY:
-            raise PolicyError(f"{self._where} answers {endpoint} with an error without a message. See its log.")
+            raise PolicyError(f"{self._where} reports an error for {endpoint} without a message. See its log.")
         reply = (
             read_declared(self._where, answer, lambda given: self._decode(given, endpoint))
             if declares

@@ -6,11 +6,12 @@ server declares its modalities, which are compared with the adapter at each conn
 
 A server without an observation history takes the observations of many environments in one request
 (:class:`Gr00tBatchClient`). A server that needs several time steps of images or state gets one client per environment.
-Such a client must see every control step, so the client executes the chunks, one action at a time.
+Such a client must receive every observation, so it executes the chunks itself and returns one action at a time.
 
 Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
 options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
-N1.7 (``gr00t/model/gr00t_n1d7``) expect. The main branch's policies ignore both; the client warns if it detects this.
+N1.7 (``gr00t/model/gr00t_n1d7``) expect. The policies of the main branch ignore both; the client warns if it detects
+this.
 
 Replies of N1.7 mark arrays and modalities differently from N1.6; requests are the same.
 
@@ -92,7 +93,10 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
         for name in ("constants", "depths"):
             if getattr(self.adapter, name):
-                raise address.error(f"adapter {self.adapter.name} has {name}, which GR00T does not use", "Remove them")
+                raise address.error(
+                    f"adapter {self.adapter.name} has {name}, which GR00T does not use",
+                    f"Remove {name} from the adapter",
+                )
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities
@@ -177,7 +181,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         """Return the arrays of a reply by name without prefix, each (count, horizon, dim)."""
         actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
         if not isinstance(actions, Mapping):
-            raise PolicyError(f"{self._where} answered get_action with a {type(reply).__name__} instead of actions.")
+            raise PolicyError(f"{self._where}: expected actions in reply to get_action, got {type(reply).__name__}.")
         widths = {name_of(key): width for key, width in self.adapter.answer.columns.items()}
         arrays = {}
         for key, value in actions.items():
@@ -227,7 +231,7 @@ class Gr00tBatchClient(Gr00tClient):
 class Gr00tHistoryClient(Gr00tClient):
     """Client for a GR00T policy with an observation history.
 
-    The client sees every control step and executes the chunks.
+    The client gets the observation of every control step and executes the chunks.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
@@ -235,8 +239,8 @@ class Gr00tHistoryClient(Gr00tClient):
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
             raise address.error(
-                "the server needs several time steps, so requests ahead of time are not possible",
-                "Leave ahead and ensemble out",
+                "the server needs several time steps, so chunks cannot be requested ahead of time",
+                "Leave out ahead and ensemble",
             )
         self._horizon = self.info.execution.horizon
         self.info = PolicyInfo(
@@ -261,7 +265,7 @@ class Gr00tHistoryClient(Gr00tClient):
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
-        # keep the last frame before the oldest step, to replace that step if it was not seen
+        # keep the last frame before the oldest step, in case that step was not observed
         for step in sorted(s for s in self._frames if s < oldest)[:-1]:
             del self._frames[step]
         if not self._chunk:
@@ -313,8 +317,8 @@ class Overlap:
         )
         if not overlap.steps >= 1 or overlap.frozen > overlap.steps:
             raise address.error(
-                f"{overlap.frozen} frozen steps are not among {overlap.steps} steps of overlap",
-                "Give rtc_overlap_steps of at least 1, and of at least rtc_frozen_steps (or ahead)",
+                f"{overlap.frozen} frozen steps do not fit into an overlap of {overlap.steps} steps",
+                "rtc_overlap_steps must be at least 1 and at least rtc_frozen_steps (or ahead)",
             )
         return overlap
 
@@ -329,7 +333,7 @@ class Gr00tOverlapClient(Gr00tClient):
         wrong = "the server needs several time steps" if self.modalities.remembers else wrong
         if wrong:
             self.close()
-            raise address.error(f"rtc_overlap_steps is not possible: {wrong}", "Leave rtc_overlap_steps out")
+            raise address.error(f"rtc_overlap_steps is not possible: {wrong}", "Leave out rtc_overlap_steps")
         self._overlap = overlap
         self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step and answer of the last request
         self._told = False
@@ -376,7 +380,7 @@ class Gr00tOverlapClient(Gr00tClient):
             new = answered.get(name)
             if new is None or new.shape != old.shape or not self._overlap.frozen:
                 continue
-            # models compute in bfloat16 (8 bits of precision) in the range of the data
+            # models compute in bfloat16 (8 bits of precision), relative to the data's range
             if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
                 self._told = True
                 logger.warning(

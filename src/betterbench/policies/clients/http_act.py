@@ -148,7 +148,7 @@ class HttpActClient(ServerClient[HttpServer]):
         self._first = True
         route = self._route
         if route is not None and route.reset:
-            # ignore the answer: most models have no state to reset, and some servers lack this path
+            # ignore the answer: most models have nothing to reset, and some servers lack this path
             self._connection.request(
                 lambda server, timeout_s: server.post(b"{}", timeout_s, path=route.reset), replies=False
             )
@@ -166,12 +166,12 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} answers {one_line(reply)!r}, which such servers send for any failure. "
+                f"{self._where} replies {one_line(reply)!r}, as these servers do after any failure. "
                 "See the server's log, and compare the keys that it reads with the adapter."
             )
         if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
-        # OpenVLA answers with an array, OFT with a list of arrays
+        # OpenVLA returns an array, OpenVLA-OFT a list of arrays
         reply = self.adapter.named(_stacked(reply), self._where)
         actions = self.adapter.actions(reply, observation)
         if self.adapter.feedback is not None:
@@ -190,15 +190,15 @@ class HttpActClient(ServerClient[HttpServer]):
         return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
-        """Send a body and return a valid answer. A rejection or redirection ends the run."""
+        """Send a body and return a valid answer; raise HandshakeError if the server rejects or redirects it."""
         answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
             return answer
         if status in _REFUSED:
             raise HandshakeError(
-                f"{self._where} refuses this client (HTTP {status}). "
-                "Give api_key_env=NAME with the variable that holds its key."
+                f"{self._where} rejects this client (HTTP {status}). "
+                "Give api_key_env=NAME with the environment variable that contains the key."
             )
         if 300 <= status < 400:
             raise HandshakeError(f"{self._where} redirects (HTTP {status}). Give the final address.")

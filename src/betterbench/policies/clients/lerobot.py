@@ -38,14 +38,14 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
     "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
     "joints": ("joint_positions", "gripper_width"),
 }
-"""The states in betterbench's LeRobot environment; with actions of a robot's own motors, the state has their units."""
+"""State layouts of betterbench's LeRobot environment; if actions are motor positions, the state has the same units."""
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""Alternative camera names, from LIBERO in LeRobot's own data sets."""
+"""Camera by the name used in LeRobot's LIBERO data sets."""
 
 _MOST_SHOWN = 12
-"""Maximum of differences named in one message."""
+"""Maximum number of differences in one message."""
 
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
@@ -57,7 +57,7 @@ class LerobotPolicy(AdaptedPolicy):
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
-        # a user's adapter is used without inferred parts
+        # an adapter in the address is used unchanged
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
@@ -126,8 +126,8 @@ class LerobotStepPolicy(AdaptedPolicy):
         given = address.given(EXECUTION)
         if given:
             raise address.error(
-                f"a policy of type {checkpoint.type} sees every step and executes its chunks itself",
-                f"Leave {', '.join(given)} out; n_action_steps of the checkpoint sets the horizon",
+                f"a policy of type {checkpoint.type} gets every observation and executes its own chunks",
+                f"Leave out {', '.join(given)}; n_action_steps of the checkpoint sets the horizon",
             )
         self._inner = LerobotPolicy(address, checkpoint)
         self._checkpoint, self._policy = checkpoint, checkpoint.sibling()
@@ -191,7 +191,9 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
     if shared:
         keys = ", ".join(rule.key[0] for rule in views if rule.camera in shared)
         raise InvalidInputError(
-            where, f"{one_line(keys)} would all get the camera {min(shared)}", "Give camera.KEY=NAME for each"
+            where,
+            f"the camera {min(shared)} would be used for each of {one_line(keys)}",
+            "Give camera.KEY=NAME for each",
         )
     return Adapter(
         "lerobot",
@@ -255,7 +257,7 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
     shown = one_line(key, most=100)
     raise InvalidInputError(
         where,
-        f"the camera for {shown} is not known",
+        f"the camera for {shown} is unknown",
         f"Add camera.{shown}=NAME with one of {', '.join(_CAMERAS)}",
     )
 
@@ -275,7 +277,7 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
         sized = ", ".join(name for name in OWN_SPACES if action_space(name).dim == features.action)
         raise InvalidInputError(
             where,
-            f"its actions have {features.action} numbers, and their meaning is not known",
+            f"the meaning of the {features.action} numbers of its actions is unknown",
             f"Add action_space=NAME ({sized}), or adapter=FILE"
             if sized
             else "Give adapter=FILE with the parts of the answer",

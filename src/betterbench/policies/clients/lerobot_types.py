@@ -47,7 +47,7 @@ POLICY_TYPES: Mapping[str, Needs] = {
 """Policy types by name; the installed release of LeRobot decides which of them are available."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
-"""Reward models of LeRobot, which are listed among its policies but return no actions."""
+"""Reward models of LeRobot, which are listed among its policies but do not return actions."""
 
 
 def require_type(kind: str, known: Collection[str], where: str) -> None:
@@ -64,19 +64,21 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
     """
     release = _release()
     if kind in REWARD_MODELS:
-        raise InvalidInputError(where, f"it is of the type {kind}, a reward model without actions", "Name a policy")
+        raise InvalidInputError(
+            where, f"its type {kind} is a reward model, which does not return actions", "Give a policy checkpoint"
+        )
     if kind not in known:
         listed = ", ".join(_with_extra(name) for name in sorted(set(known) - set(REWARD_MODELS)))
         raise InvalidInputError(
             where,
             f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
-            f"Name a checkpoint of one of these types: {listed}; or install a release that has it",
+            f"Give a checkpoint of one of these types: {listed}; or install a release that supports its type",
         )
     needs = POLICY_TYPES.get(kind, Needs())
     missing = [module for module in needs.modules if importlib.util.find_spec(module) is None]
     if missing:
         raise MissingDependencyError(
-            f"{where} is of the type {kind}, which needs {', '.join(missing)}. {_install(needs.extra, release)}"
+            f"{where} has the type {kind}, which needs {', '.join(missing)}. {_install(needs.extra, release)}"
         )
 
 

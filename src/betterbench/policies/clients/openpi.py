@@ -50,7 +50,7 @@ from betterbench.policies.protocols.wire import (
     marks_arrays_as_nd,
 )
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
@@ -69,7 +69,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._delay = address.whole("delay")
         if self._delay and len(self.adapter.answer.columns) > 1:
             raise address.error(
-                f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
+                f"delay needs a single action array, but adapter {self.adapter.name} reads several", "Leave out delay"
             )
         self._last: tuple[int, np.ndarray] | None = None  # step of the last request, and the complete chunk
         self._start: EpisodeStart | None = None
@@ -124,7 +124,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         def exchange(connection: WebSocket, timeout_s: float) -> object:
             end = time.monotonic() + timeout_s
-            # requests and answers have no numbers in this protocol
+            # this protocol does not number requests and answers
             connection.refuse_unasked()
             connection.send(frame, timeout_s)
             answer = connection.receive(end - time.monotonic())
@@ -167,7 +167,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         read_execution(self._where, declared)  # malformed declarations are rejected at every handshake
-        # for a server process of this run, the record contains the policy's declaration instead of the server's address
+        # if the run itself serves the policy, the record contains the policy's own declaration, without the server
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
@@ -194,7 +194,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
         value = decode_openpi(frame)
         if not isinstance(value, kinds):
-            raise PolicyError(f"{self._where} sent a {type(value).__name__} instead of a map.")
+            raise PolicyError(f"{self._where}: expected a map, got {type(value).__name__}.")
         if isinstance(value, Mapping) and isinstance(value.get("type"), str) and value["type"] == "error":
             raise PolicyError(f"{self._where} reports an error: {one_line(value.get('message', 'no message'))}")
         return value
@@ -209,5 +209,5 @@ def _whole_chunk(given: object) -> np.ndarray:
 
 
 def _new_session() -> str:
-    """Return a name that no other client of the server uses."""
+    """Return a unique session name."""
     return f"betterbench-{uuid4().hex}"

@@ -1,4 +1,4 @@
-"""Real-time chunking: the unexecuted part of an action chunk is sent to the server to be continued.
+"""Real-time chunking: the client sends the unexecuted part of an action chunk, and the server continues it.
 
 A flow model's server can keep the first rows of the sent chunk as the first rows of its new chunk, and guide the rows
 after them. The rows must start at the current control step. Their key in a request differs by server
@@ -13,7 +13,7 @@ import numpy as np
 def rows_left(asked_at: int, chunk: np.ndarray, *, step: int) -> int:
     """Return the number of rows of a chunk, (..., horizon, dim), that remain at a control step.
 
-    Returns 0 before the chunk starts.
+    Returns 0 if the chunk starts later.
     """
     passed = step - asked_at
     return 0 if passed < 0 else max(0, chunk.shape[-2] - passed)

@@ -31,18 +31,18 @@ def describe_remote_policy(
 ) -> PolicyInfo:
     """Return a client's declaration of its policy for storage with the run.
 
-    ``needs_images`` is False if the server declares that it uses no images; None infers this from the adapter. Cameras
-    of the adapter are rendered and sent in any case. ``cameras`` are the cameras declared by the server, None for all.
-    ``says_actions`` is False if the server does not declare its actions. If the address does not either, the assumed
-    conventions are stored in the metadata as "assumed" and reported before a run.
+    ``needs_images`` is False if the server declares that it does not use images; None infers this from the adapter,
+    whose cameras are rendered and sent in any case. ``cameras`` are the cameras declared by the server, None for all.
+    ``says_actions`` is False if the server does not declare its actions. If the address has neither preset nor adapter,
+    the assumed conventions are then stored in the metadata as "assumed" and reported before a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
     if not says_actions and not address.names_adapter:
         answer = adapter.answer
         metadata["assumed"] = (
-            f"policy server {address.scheme}://{address.target} does not declare its action conventions; they are read "
-            f"as in preset {adapter.name} ({answer.space}, rotation {answer.rotation}, gripper {answer.gripper}). "
+            f"policy server {address.scheme}://{address.target} does not declare its action conventions; assuming "
+            f"those of preset {adapter.name} ({answer.space}, rotation {answer.rotation}, gripper {answer.gripper}). "
             "Add ?preset=NAME or ?adapter=FILE to confirm them."
         )
     for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
@@ -61,12 +61,12 @@ def plain_text(value: object) -> str:
     """Return a server's declared value as a text of bounded length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
-    except TypeError:  # a map with keys that are not strings
+    except TypeError:  # a dict with keys that are not strings
         text = str(value)
     whole = printable(text, most=_LONGEST_TEXT)
     if whole == text:
         return text
-    # the digest reveals changes beyond the cut, or in unprintable parts, when a run resumes
+    # when a run resumes, the digest shows changes in the removed or unprintable part
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{printable(text[:_LONGEST_TEXT], most=_LONGEST_TEXT)}... (sha256 {digest})"
 
@@ -75,7 +75,7 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
     """Raise HandshakeError if an episode's action space differs from the policy's action space."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
-            f"action space: the run uses {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
+            f"action space: the run uses {start.action_space!r}, {who} returns actions in {adapter.answer.space!r}. "
             f"{space_cure(adapter.answer.space)}."
         )
 
@@ -100,7 +100,7 @@ class AdaptedPolicy:
         compare_declarations(ours, theirs)
         if space != adapter.answer.space:
             raise HandshakeError(
-                f"action space: the run says {space!r}, {theirs.who} answers in {adapter.answer.space!r}. "
+                f"action space: the run says {space!r}, {theirs.who} returns actions in {adapter.answer.space!r}. "
                 f"{space_cure(adapter.answer.space)}."
             )
         rendered = {camera.name for camera in observation.cameras}
@@ -143,7 +143,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         if adapter.feedback is not None and not self.feeds_back:
             raise address.error(
                 f"adapter {adapter.name} sends the policy's last answer back, which only http:// supports",
-                "Leave feedback out of the adapter",
+                "Remove feedback from the adapter",
             )
         self._address, self._where = address, address.server_name
         self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
@@ -167,7 +167,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
                 was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
                 raise HandshakeError(
                     f"{self._where} has changed after a restart: {one_line(name, most=100)} was {was} and is now "
-                    f"{now}. Start the first one and run the same command again, or give --allow-changed-policy to "
+                    f"{now}. Start the first policy and run the same command again, or give --allow-changed-policy to "
                     "continue with both in one run."
                 )
 

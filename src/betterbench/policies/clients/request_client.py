@@ -21,9 +21,8 @@ _SETTLE_S = 0.002
 class RequestClient:
     """Socket to one server that, like a REQ socket, sends an empty frame and then the request.
 
-    A REQ socket silently discards an unexpected reply that arrives early enough; this client reports an error. After an
-    OSError, close the client and make a new client, so that a late reply cannot be mistaken for the answer to the next
-    request.
+    A REQ socket silently discards an unexpected reply; this client raises an error. After an OSError, close the client
+    and create a new one, so that a late reply cannot be mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
@@ -60,8 +59,7 @@ class RequestClient:
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                # a second answer would arrive right after the first answer and be mistaken for the answer to this
-                # request
+                # reject an unread second answer to the last request, which would be mistaken for the answer to this one
                 settled = self._answered_at + _SETTLE_S - time.monotonic()
                 if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
                     raise ConnectionError("it sent an unexpected answer")
@@ -75,7 +73,7 @@ class RequestClient:
                 if self._ended.is_set():
                     self._destroy()
         if empty or len(parts) != 1:
-            raise PolicyError(f"policy server {self.where} answered with {len(parts)} frames. Send one.")
+            raise PolicyError(f"policy server {self.where} sent {len(parts)} frames instead of one.")
         return parts[0]
 
     def _wait(self, deadline: float, timeout_s: float) -> None:

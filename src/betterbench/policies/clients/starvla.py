@@ -117,7 +117,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         names = dict.fromkeys(key[0] for key in self.adapter.answer.columns)
         if "normalized_actions" in data and not all(name in data for name in names):
             raise PolicyError(
-                f"{self._where} answers with normalized actions, which need the statistics of the "
+                f"{self._where} returns normalized actions, which need the statistics of the "
                 "checkpoint. Update starVLA: newer servers unnormalize the actions themselves."
             )
         arrays = {}
@@ -150,5 +150,5 @@ class StarVlaClient(ServerClient[WebSocket]):
             raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
         value = decode_openpi(frame)
         if not isinstance(value, Mapping):
-            raise PolicyError(f"{self._where} sent a {type(value).__name__} instead of a map.")
+            raise PolicyError(f"{self._where}: expected a map, got {type(value).__name__}.")
         return value

@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""Gripper formats treated as a fraction with threshold 0, so that the sign decides."""
+"""Gripper formats in which the sign decides; read as a fraction with threshold 0."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -116,7 +116,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
     @property
     def _compared(self) -> Declaration:
-        """None, because the handshake has already compared the server's declaration, in the harness's terms."""
+        """Empty, because the handshake has already compared the server's declaration in the harness's terms."""
         return Declaration(self._where)
 
     def close(self) -> None:
@@ -224,7 +224,7 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
             "rotation format of the model, and --action-space ee_pose",
         }.get(adapter.answer.space, "Give an adapter that reads absolute poses")
         raise HandshakeError(
-            f"action: the server gives absolute poses, adapter {adapter.name} reads {adapter.answer.space}. {cure}."
+            f"action: the server returns absolute poses, adapter {adapter.name} reads {adapter.answer.space}. {cure}."
         )
     if parameters.get("send_wrist_image", chosen or len(_images(seen)) > 1) is False:
         adapter = replace(adapter, views=tuple(v for v in adapter.views if v.key[-1] not in _WRIST_KEYS))
@@ -258,11 +258,11 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     declared = _format(action, "joints")
     if declared not in (None, _JOINTS.get(answer.space)):
         raise HandshakeError(
-            f"action: {who} answers with joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
+            f"action: {who} returns joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
             "Give adapter=FILE that reads joints, and --action-space with it."
         )
     position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
-    # a format known to both sides gets the same name; otherwise, each side keeps its own
+    # if both sides accept a common format, both get its name; otherwise, each side keeps its own
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
@@ -305,7 +305,7 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(spec, Mapping) for spec in given.values()):
-        raise HandshakeError(f"{who} declares an {name} that is not a map of components.")
+        raise HandshakeError(f"{who}: expected {name} as a map of components.")
     found = {}
     for key, spec in given.items():
         told, accepts = spec.get("format"), spec.get("accepts")

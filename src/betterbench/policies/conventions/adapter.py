@@ -18,7 +18,7 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
@@ -28,7 +28,7 @@ PANDA_OPENING_M = 0.08
 @strict_form
 @dataclass(frozen=True, slots=True)
 class InstructionRule:
-    """Placement of the instruction in a request.
+    """Format of the instruction in a request.
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
@@ -45,7 +45,7 @@ class InstructionRule:
             raise InvalidInputError(
                 f"instruction {'/'.join(self.key)}: template",
                 f"{self.template!r} does not contain {{}}",
-                "Write {} into it once",
+                "Write {} once in the template",
             )
 
     def write(self, instruction: str) -> str:
@@ -147,7 +147,7 @@ class Adapter:
                     f"adapter {self.name}: feedback",
                     f"{self.feedback.size} numbers do not fit into the state {'/'.join(self.feedback.state_key)!r} "
                     f"and the answer {'/'.join(self.feedback.answer_key)!r}",
-                    "Name a state and an answer of the adapter, with at most as many numbers as both have",
+                    "Give a state and an answer of the adapter, and a size that does not exceed either",
                 )
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [rule.key for rule in self.depths]
@@ -155,7 +155,7 @@ class Adapter:
         keys += [constant.key for constant in self.constants]
         for i, key in enumerate(keys):
             if not key or not all(key):
-                raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give a name")
+                raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give each entry a key")
             if any(key[: len(other)] == other or other[: len(key)] == key for other in keys[:i]):
                 raise InvalidInputError(
                     f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each entry its own key"
@@ -165,7 +165,9 @@ class Adapter:
                 raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give a number above 0")
         for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
             if not all(abs(v) < 100.0 for v in offset):
-                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give meters")
+                raise InvalidInputError(
+                    f"adapter {self.name}: {name}", "it is out of range", "Give the offset in meters"
+                )
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
                 f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give 1 or more"
@@ -207,8 +209,8 @@ class Adapter:
     ) -> dict[str, Any]:
         """Return the request for actions; entries are nested if their key has several names.
 
-        The trial is for a server with a shadow simulation (a served expert); ``start`` requires an ``episode_key``.
-        Raises PolicyError if the run does not render a required camera.
+        ``trial`` is only sent to a server with a shadow simulation (a served expert), and ``start`` only if the adapter
+        has an ``episode_key``. Raises PolicyError if the run does not render a required camera.
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
@@ -242,7 +244,7 @@ class Adapter:
         Raises PolicyError, which names the key and its value, if the reply cannot be read.
         """
         if not isinstance(reply, Mapping):
-            raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
+            raise PolicyError(f"expected a map with actions as reply, got {type(reply).__name__}.")
         return self.answer.read(
             reply,
             observation,
@@ -261,7 +263,7 @@ class Adapter:
         keys = list(self.answer.columns)
         if len(keys) > 1 or len(keys[0]) > 1:
             wanted = ", ".join("/".join(key) for key in keys)
-            raise PolicyError(f"{who} answers with an array, but adapter {self.name} reads {wanted}.")
+            raise PolicyError(f"{who} returns an array, but adapter {self.name} reads {wanted}.")
         return {keys[0][0]: reply}
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
@@ -305,7 +307,7 @@ class Adapter:
         return replace(self, answer=self.answer.in_space(space))
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON-serializable dict with every default; a key of one name is a string, otherwise a list."""
+        """Return a JSON-serializable dict with every default. Keys with one name become strings, others lists."""
         form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
         return form
 

@@ -1,4 +1,4 @@
-"""Mapping from a policy's answer to actions: meaning of columns, units, frame and gripper polarity."""
+"""Conversion of a policy's answer to actions: meaning of columns, units, frame and gripper polarity."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
     "rotation": ("rotation_x", "rotation_y", "rotation_z"),
 }
-"""Kinds that may be given per axis."""
+"""Kinds that may be given axis by axis, with the kinds of their axes."""
 
 
 @strict_form
@@ -143,12 +143,12 @@ class AnswerRule:
     def _check_numbers(self) -> None:
         if not self.parts:
             raise InvalidInputError(
-                "answer", "the answer has no parts", "Name them, such as translation, rotation, gripper"
+                "answer", "the answer has no parts", "List its parts, such as translation, rotation, gripper"
             )
         for name in ("translation_unit_m", "rotation_unit_rad", "joint_unit_rad", "step_rate_hz"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
-                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Give more than 0")
+                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Give a number above 0")
         if not 0.0 <= self.gripper_threshold < 1.0:
             raise InvalidInputError(
                 "answer: gripper_threshold", f"{self.gripper_threshold:g} is out of range", "Give 0 or more, below 1"
@@ -159,12 +159,14 @@ class AnswerRule:
                     f"answer: {part.kind}", f"{part.size} columns are out of range", "Give 1 or more"
                 )
             if part.kind == "unused" and part.size is None:
-                raise InvalidInputError("answer: unused", "the number of columns is missing", "Give its size")
+                raise InvalidInputError(
+                    "answer: unused", "the number of columns is missing", "Give its size, such as 1"
+                )
             if part.kind != "unused" and part.size not in (None, self._natural(part.kind)):
                 raise InvalidInputError(
                     f"answer: {part.kind}",
-                    f"it has {part.size} columns, and {self._natural(part.kind)} are needed",
-                    "Leave the size out",
+                    f"expected {self._natural(part.kind)} columns, got {part.size}",
+                    "Leave out the size",
                 )
 
     def _check_kinds(self) -> None:
@@ -179,32 +181,32 @@ class AnswerRule:
             raise InvalidInputError(
                 "answer",
                 f"it has {', '.join(given) or 'nothing'}",
-                f"{self.space} needs {', '.join(sorted(needed))}, once; a translation or rotation may be given as "
-                "its three axes (translation_x, translation_y, translation_z)",
+                f"{self.space} needs each of {', '.join(sorted(needed))} once; a translation or rotation may be given "
+                "as its three axes (translation_x, translation_y, translation_z)",
             )
         if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
             raise InvalidInputError(
                 "answer: rotation",
                 f"{self.rotation} has {ROTATION_SIZES[self.rotation]} numbers, not three axes",
-                "Use axis_angle or rpy, or read it whole",
+                "Use axis_angle or rpy, or a single part for the rotation",
             )
 
     def _check_conventions(self) -> None:
         if self.as_is and not self._means_ours:
             raise InvalidInputError(
                 "answer",
-                "the columns are whole actions, with fixed rotation format, units, frame and gripper polarity",
-                "Leave rotation, units, frame and gripper out, or read its parts (translation, rotation, gripper)",
+                "the columns are complete actions, whose rotation format, units, frame and gripper polarity are fixed",
+                "Leave out rotation, units, frame and gripper, or list the parts (translation, rotation, gripper)",
             )
         if self.frame == "tool" and self.space not in _DELTAS:
             raise InvalidInputError("answer: frame", f"{self.space} has no tool frame", "Use base")
         if self.space in _ADDS_ANGLES and self.rotation != "rpy":
             raise InvalidInputError(
-                "answer: rotation", f"{self.space} adds angles, but {self.rotation} has none", "Use rpy"
+                "answer: rotation", f"{self.space} adds angles, which {self.rotation} does not contain", "Use rpy"
             )
         if self.step_rate_hz is not None and self.space in WORLD_ACTION_SPACES:
             raise InvalidInputError(
-                "answer: step_rate_hz", f"{self.space} runs at the rate of its world", "Leave it out"
+                "answer: step_rate_hz", f"{self.space} always runs at its world's control rate", "Leave it out"
             )
 
     @property
@@ -255,7 +257,7 @@ class AnswerRule:
         """Return the actions in a reply, (horizon, dim) float64 in the action space.
 
         Rows with non-finite numbers remain non-finite, so that they can be recognized. ``ee_offset_m``, which was added
-        to the observed end-effector position, is subtracted from absolute positions, as is ``tool_offset_m``, the
+        to the observed end-effector position, is subtracted from absolute positions. So is ``tool_offset_m``, the
         policy's tool point in betterbench's tool frame.
 
         Raises:
@@ -265,7 +267,7 @@ class AnswerRule:
         lengths = {len(a) for a in arrays.values()}
         if len(lengths) > 1:
             told = ", ".join(f"{'/'.join(k)}: {len(a)}" for k, a in arrays.items())
-            raise PolicyError(f"the reply has chunks of different lengths ({told}). All must have the same length.")
+            raise PolicyError(f"the reply's arrays have different lengths ({told}). All must have the same length.")
         taken: dict[str, np.ndarray] = {}
         at = dict.fromkeys(arrays, 0)
         for part in self.parts:
@@ -301,20 +303,20 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether all conventions are the same as the action space's conventions."""
+        """Whether all conventions equal those of the action space."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
     @property
     def _is_plain(self) -> bool:
-        """Whether the numbers need no conversion, only reordering."""
+        """Whether the numbers are only reordered, without conversion."""
         if self.space in _DELTAS or self.space in WORLD_ACTION_SPACES:
             return self._means_ours
         plain = self.gripper == "close_positive" and self.step_rate_hz is None
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:
-        """Return the ratio between a step here and a step at the training data's rate."""
+        """Return the ratio of the run's step duration to that of the training data."""
         return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
 
     def _convert(
@@ -548,5 +550,5 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
-    with np.errstate(invalid="ignore"):  # a signaling NaN becomes a quiet one, which is checked later
+    with np.errstate(invalid="ignore"):  # the conversion of a signaling NaN would warn; NaNs are checked later
         return array.astype(np.float64)

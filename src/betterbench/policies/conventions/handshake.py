@@ -23,7 +23,7 @@ PROTOCOL = 1
 """Version of the declaration that betterbench servers make."""
 
 _MOST_SHOWN = 12
-"""Maximum number of differences named in one message."""
+"""Maximum number of differences in one message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ def read_server(who: str, form: object) -> Declaration:
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
-            f"{who} uses version {one_line(version, most=20)} of the declaration, this side {PROTOCOL}. "
+            f"{who} uses version {one_line(version, most=20)} of the declaration, this client version {PROTOCOL}. "
             "Install the same release on both sides."
         )
     try:
@@ -140,7 +140,7 @@ def read_server(who: str, form: object) -> Declaration:
     except (BetterError, ValidationError) as error:
         problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else one_line(error)
         raise HandshakeError(
-            f"{who} declares conventions that cannot be read ({problem}). Update the server."
+            f"{who}: its declared conventions cannot be read ({problem}). Update the server."
         ) from error
     return replace(declare_space(who, declared), preset=told.preset, rate_hz=told.control_rate_hz, cameras=told.cameras)
 
@@ -157,12 +157,12 @@ def read_execution(who: str, form: object) -> Execution | None:
     given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
     if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
-            f"{who} declares an execution that cannot be read. Install the same release on both sides."
+            f"{who}: its declared execution of chunks cannot be read. Install the same release on both sides."
         )
     try:
         return Execution(**given)
     except InvalidInputError as error:
-        raise HandshakeError(f"{who} declares an execution that is not possible ({error})") from error
+        raise HandshakeError(f"{who} declares an impossible execution of chunks ({error})") from error
 
 
 def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
@@ -180,7 +180,7 @@ def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]
         require_depth(value, MAX_DECLARED_DEPTH)
     except ValueError as error:
         raise HandshakeError(
-            f"{who} sends a declaration that cannot be read: {error}. The server should declare flat maps."
+            f"{who}: its declaration cannot be read: {error}. The server should declare flat maps."
         ) from error
     return value
 
@@ -190,7 +190,9 @@ def space_cure(space: str) -> str:
 
     Other worlds have a fixed action space, so the option does not exist there.
     """
-    return f"Give --action-space {space} in a suite of betterbench; in LIBERO and CALVIN, another policy or preset"
+    return (
+        f"Give --action-space {space} in a suite of betterbench; in LIBERO and CALVIN, choose another policy or preset"
+    )
 
 
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:

@@ -34,8 +34,8 @@ class ImageRule:
         camera: Camera name, or ``*`` for all cameras.
         width: Required width [pixel]; None to keep the image's size.
         fit: Fitting of an image with another aspect ratio.
-        keep: Share of the area kept by a center crop, before fitting. Policies trained with random crops are evaluated
-            with 0.9 (OpenVLA) or 0.95.
+        keep: Share of the image area kept by a center crop, before fitting. Policies trained with random crops are
+            evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Counter-clockwise rotation [deg]. The images of betterbench are upright.
         mirror: Whether left and right are swapped.
     """
@@ -60,7 +60,7 @@ class ImageRule:
         if not 0.0 < self.keep <= 1.0:
             raise InvalidInputError(where, f"keep = {self.keep:g} is out of range", "Give more than 0 and at most 1")
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
-            raise InvalidInputError(where, "all cameras would have the same key", "Write {camera} into the key")
+            raise InvalidInputError(where, "all cameras would have the same key", "Use {camera} in the key")
 
     def named(self, camera: str) -> tuple[str, ...]:
         """Return the key of one camera's image."""
@@ -69,8 +69,8 @@ class ImageRule:
     def show(self, image: np.ndarray) -> np.ndarray:
         """Return a camera image as the policy's input.
 
-        Shrinking averages over all source pixels of a pixel (Pillow's antialiased bilinear filter, as in openpi's
-        client). An image of the right size is not changed.
+        A larger image is downscaled with Pillow's antialiased bilinear filter, as in openpi's client. An image of the
+        right size is not changed.
 
         Returns:
             (self.height, self.width, 3) uint8, contiguous.

@@ -81,7 +81,7 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
         precision="float32",
     ),
 )
-"""The same with ``absolute_action``, which the harness's X-VLA server requests: positive values close the gripper."""
+""":data:`VLA_EVAL_CALVIN` with ``absolute_action``, as the harness's X-VLA server requests; above 0 closes."""
 
 X_VLA_CALVIN = Adapter(
     "x_vla_calvin",
@@ -106,9 +106,9 @@ X_VLA_CALVIN = Adapter(
     constants=(ConstantRule(("domain_id",), 2), ConstantRule(("steps",), 10)),
     feedback=Feedback(("proprio",), ("action",), 10),
 )
-"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2; after the first answer its state is the last
-commanded pose. Its own loop gives an instruction 720 steps and executes the rest of a chunk under the next instruction;
-here an instruction has CALVIN's 360 steps and starts with a new chunk."""
+"""X-VLA's CALVIN client: absolute poses, 25 actions per chunk, domain 2; after the first answer, its state is the
+last commanded pose. X-VLA's own loop gives each instruction 720 steps and executes the rest of a chunk under the next
+instruction. Here, an instruction has CALVIN's 360 steps and begins with a new chunk."""
 
 _AXES: tuple[tuple[str, AnswerKind], ...] = (
     ("x", "translation_x"),
@@ -180,7 +180,7 @@ OPENVLA_OFT_CALVIN = replace(
     views=(ImageRule(("full_image",), "front", 224, 224), ImageRule(("wrist_image",), "wrist", 224, 224)),
     states=(StateRule(("state",), _ROBOT_OBS),),
 )
-"""The same with two images and CALVIN's state, for OFT and similar models."""
+""":data:`OPENVLA_CALVIN` with two images and CALVIN's state, for OFT and similar models."""
 
 CALVIN_PRESETS: Mapping[str, Adapter] = {
     adapter.name: adapter

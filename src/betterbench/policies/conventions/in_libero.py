@@ -22,7 +22,7 @@ from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.proprioception import StatePart
 
 SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
-"""LIBERO's eight numbers as sent by vla-evaluation-harness: the rotation vector is at most half a turn long."""
+"""LIBERO's eight-dimensional state as sent by vla-evaluation-harness: the rotation vector is at most pi long."""
 
 _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),

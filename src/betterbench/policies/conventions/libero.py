@@ -1,8 +1,9 @@
 """LIBERO's own conventions, for checkpoints trained on LIBERO instead of our demonstrations.
 
 - **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
-  gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,
-  actions of 0.1 to 1.0). Our controller executes a delta exactly, so our action units use these measured values.
+  gain. In one control step, the end effector moves 0.0125 m and rotates 0.1 rad per unit (measured with robosuite 1.4.0
+  on every axis, with actions of 0.1 to 1.0). Our controller executes a delta exactly, so our action units use these
+  measured values.
 - **Origin.** Positions are in LIBERO's world frame, where the robot base position depends on the kind of scene
   (``libero/libero/envs/robots``: ``base_xpos_offset``, with the table lengths in ``envs/problems``).
 - **Tool point.** LIBERO's is 0.097 m from the hand (robosuite's ``grip_site``), ours 0.1034 m, so ours is 6.4 mm lower.
@@ -40,9 +41,9 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
     "study": _STUDY,
     "living_room": _LIVING_ROOM,
 }
-"""Position of the robot's base in LIBERO's world [m], by suite, and by scene where it differs from its suite.
+"""Position of the robot's base in LIBERO's world [m], by suite, and by scene if it differs within the suite.
 
-LIBERO-10 and LIBERO-90 mix kitchens with living rooms and studies; both use the position of the kitchens here.
+LIBERO-10 and LIBERO-90 contain kitchens, living rooms and studies; the position in the kitchens is used for both.
 """
 
 

@@ -15,7 +15,7 @@ SEEN = ("video", "state")
 
 
 _MOST_SHOWN = 20
-"""Maximum of names in one message."""
+"""Maximum number of names in one message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Modalities:
         if isinstance(reply, Mapping) and not any(marked):
             return cls()
         if not isinstance(reply, Mapping) or not all(marked):
-            raise HandshakeError(f"{where} answers get_modality_config without modality configs.")
+            raise HandshakeError(f"{where}: its reply to get_modality_config contains no modality configs.")
         names = {
             kind: tuple(_bare(key, kind) for key in reply[kind].modality_keys)
             for kind in (*SEEN, "language", "action")
@@ -69,7 +69,7 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Raise a HandshakeError that shows both sides of each modality where the adapter differs.
+        """Raise HandshakeError, with both declarations of each modality, if the adapter differs.
 
         The key of the instruction is not compared: the server's key is used.
         """
@@ -82,15 +82,17 @@ class Modalities:
         for kind, ours in given.items():
             theirs = getattr(self, kind)
             if theirs is not None and set(theirs) != set(ours):
-                side = "this side reads" if kind == "action" else "this side gives"
+                side = "the adapter reads" if kind == "action" else "the adapter sends"
                 verb = "answers" if kind == "action" else "wants"
                 differences.append(f"{kind}: the server {verb} {_listed(theirs)}, {side} {_listed(ours)}")
         if self.language is not None and len(self.language) != 1:
-            differences.append(f"language: the server needs {_listed(self.language)}, this side gives one instruction")
+            differences.append(
+                f"language: the server needs {_listed(self.language)}, the adapter sends one instruction"
+            )
         if differences:
             raise HandshakeError(
                 f"{where} and the adapter {adapter.name!r} declare different modalities. {'; '.join(differences)}. "
-                "Give adapter=FILE with the names in the modality.json of the fine-tuning."
+                "Give adapter=FILE with the names in the modality.json used for fine-tuning."
             )
 
     def to_json(self) -> dict[str, Any]:

@@ -252,7 +252,7 @@ VLA_EVAL = Adapter(
     answer=AnswerRule("ee_delta", twist("actions")),
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), accepted by nearly all
-its model servers: images by camera, eight numbers of state, and the instruction. The server resizes images. Servers
+its model servers: images by camera, an eight-dimensional state, and the instruction. The server resizes images. Servers
 that need one image use the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
 
 VLA_EVAL_ABSOLUTE = replace(
@@ -289,7 +289,7 @@ STARVLA_STATE = replace(
     name="starvla_state",
     states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
 )
-"""starVLA's requests with LIBERO's eight numbers of state, for models trained with a state."""
+"""starVLA's requests with LIBERO's eight-dimensional state, for models trained with a state."""
 
 OPENVLA = Adapter(
     "openvla",
@@ -335,10 +335,10 @@ X_VLA = Adapter(
 )
 """The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
 
-Images, a state of two times ten numbers of which a single arm fills nine, and absolute poses of the tool as the answer.
-Arrays are sent as texts (``arrays=text``). ``domain_id`` selects the data set whose prompt the model uses (3 is LIBERO)
-and must be given: ``send.domain_id=3``. X-VLA's client sends the last commanded pose; this preset sends the measured
-pose.
+It contains images and a state with ten numbers per arm for two arms, of which a single arm fills nine; the answer
+consists of absolute tool poses. Arrays are sent as strings (``arrays=text``). ``domain_id`` selects the data set whose
+prompt the model uses (3 is LIBERO) and must be given: ``send.domain_id=3``. X-VLA's client sends the last commanded
+pose; this preset sends the measured pose.
 """
 
 DEXBOTIC = Adapter(
@@ -456,7 +456,7 @@ def own_preset(name: str) -> Adapter:
     if name not in OWN_PRESETS:
         raise InvalidInputError(
             f"preset {name}",
-            f"its actions are {found.answer.space}, which betterbench's own scenes do not have",
+            f"its action space {found.answer.space} is not available in betterbench's own scenes",
             f"Give one of {', '.join(presets_in(''))}",
         )
     return found
@@ -467,12 +467,12 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
 
     In another world, a preset matches that world's own clients for such a policy.
 
-    Raises InvalidInputError if the address names both, or neither without a default, if an option is malformed, or if
-    the world cannot execute such actions. Raises UnknownNameError if a name in it does not exist.
+    Raises InvalidInputError if the address has both or, without a default, neither, if an option is malformed, or if
+    the world cannot execute such actions. Raises UnknownNameError if a preset or another name does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
-        raise InvalidInputError(where, "the address names both a preset and an adapter", "Give one")
+        raise InvalidInputError(where, "the address has both a preset and an adapter", "Give one of them")
     named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
@@ -505,19 +505,19 @@ def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -
     if "ee_offset" not in address.options:
         return adapter
     if adapter.name == NATIVE.name:
-        reason = "the native layout is in the frame of the robot's base"
+        reason = "the native layout uses the frame of the robot's base"
     elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
-        reason = f"{adapter.name} has no position of the end effector"
+        reason = f"{adapter.name} does not contain the end-effector position"
     else:
         return replace(adapter, ee_offset_m=_offset(address))
-    raise address.error(f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
+    raise address.error(f"ee_offset has no effect, because {reason}", "Leave out ee_offset")
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
     """Return a preset's adapter in the world of an address."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
-        return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the prompts of NVIDIA's LIBERO checkpoints
+        return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # the layout of NVIDIA's LIBERO checkpoints
     if address.world == "calvin":
         return in_calvin(adapter, chosen="preset" in address.options)
     return adapter
@@ -528,10 +528,10 @@ def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputEr
     world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
     if space in WORLD_ACTION_SPACES and not address.world:
         suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
-        offered = f"It is played with --suite {suite}; in betterbench's own scenes, {offered[0].lower()}{offered[1:]}"
+        offered = f"Use it with --suite {suite}; in betterbench's own scenes, {offered[0].lower()}{offered[1:]}"
     elif address.world:
-        offered += f", or action_space={PLAYED_IN[address.world][0]} for answers that are {world}'s own"
-    return address.error(f"{name} answers in {space}, which {world} does not support", offered)
+        offered += f", or action_space={PLAYED_IN[address.world][0]} if the policy uses {world}'s own action space"
+    return address.error(f"{name} returns actions in {space}, which {world} does not support", offered)
 
 
 def presets_in(world: str) -> tuple[str, ...]:
@@ -596,7 +596,7 @@ def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
     for name in ("rotation", "units", "frame"):
         meaningless = space in JOINT_SPACES or (name == "units" and (space == "ee_pose" or "absolute" in space))
         if meaningless and name in address.options:
-            raise address.error(f"{name} has no effect for {space}", f"Leave {name} out")
+            raise address.error(f"{name} has no effect for {space}", f"Leave out {name}")
     return replace(
         rule,
         space=space,

@@ -1,4 +1,4 @@
-"""A policy's proprioceptive inputs: parts of the robot's state, with format and order."""
+"""Proprioceptive inputs of a policy: selection, format and order of parts of the robot's state."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ StatePart = Literal[
     "so101_degrees",
     "so101_normalized",
 ]
-"""Part of a robot state; one named after an action space in motor units contains the measured positions in these units.
+"""Part of a robot state. A part named after an action space in motor units is the measured position in these units.
 
-``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is rotated from pointing straight
-down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
+``ee_rpy_from_down`` is the tool's rotation relative to pointing straight down, as angles about the fixed axes of the
+base (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions [m] of two finger joints, the second
 negated, as in robosuite and LIBERO; the fractions are of the full opening. ``zero`` fills an entry that the policy does
-not use. ``ee_axis_angle_short`` is at most half a turn long, even if the vector jumps as a result.
+not use. ``ee_axis_angle_short`` has a length of at most pi, so it may jump between two steps.
 
 Some parts come from other simulators. ``controller_position`` and its rotations are the pose measured by robosuite's
 controller in LIBERO, one physics step earlier; elsewhere they are the pose of the tool. ``gripper_command`` is the last
@@ -79,7 +79,7 @@ _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
     **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
 }
-"""Parts that are one component of a vector: name of the vector, and index."""
+"""Parts that are one component of a vector, with the vector's name and the index."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
@@ -122,7 +122,7 @@ class StateRule:
         """Check that the input has parts."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
-            raise InvalidInputError(where, "the state has no parts", "Name at least one, such as ee_position")
+            raise InvalidInputError(where, "the state has no parts", "Give at least one, such as ee_position")
         if self.scalar and self.size != 1:
             raise InvalidInputError(where, f"a scalar cannot contain {self.size} numbers", "Leave scalar out")
 
@@ -199,7 +199,7 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
         return [0.0]
     if part in ("gripper_command", "gripper_command_closed"):
         raise PolicyError(
-            f"{part} is available only in CALVIN. Name gripper_width or gripper_closed_fraction in the adapter."
+            f"{part} is available only in CALVIN. Use gripper_width or gripper_closed_fraction in the adapter."
         )
     if part.startswith("gripper_"):
         return _gripper(part, observation.gripper_width, gripper_opening_m)
@@ -225,14 +225,14 @@ def motor_positions(space: ActionSpace, observation: Observation) -> list[float]
     spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
     if len(joints) != space.dim - 1:
         raise PolicyError(
-            f"{space.name} is a state of the {spec.title}, and the robot of the observation has {len(joints)} joints. "
-            f"Evaluate with --robot {spec.name}, or name another preset."
+            f"{space.name} is a state of the {spec.title}, but the observed robot has {len(joints)} joints. "
+            f"Evaluate with --robot {spec.name}, or give another preset."
         )
     return spec.positions_in(space, joints, observation.gripper_width)
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a tool rotation in a format, continuous where the tool points down.
+    """Return a tool rotation in a format, without a jump when the tool passes through pointing down.
 
     Pointing down is a half turn about x, at which the scalar part of the quaternion crosses zero. The rule w >= 0 would
     flip all four signs there, and the roll would jump by a full turn between two images.

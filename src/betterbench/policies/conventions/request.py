@@ -20,7 +20,7 @@ from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.proprioception import StateRule
 
-if TYPE_CHECKING:  # the process that hosts a policy needs no tasks
+if TYPE_CHECKING:  # so that the process that hosts a policy does not import the tasks
     from betterbench.tasks import TrialId
 
 _MOST_LISTS = 3
@@ -28,7 +28,7 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""Bound on positions, angles and speeds of a robot [m, rad, m/s, rad/s]. The squares of far larger numbers overflow."""
+"""Limit of positions, angles and speeds of a robot [m, rad, m/s, rad/s]; squares of much larger numbers overflow."""
 _MEASURED = {"joint_positions": None, "joint_velocities": None, "ee_position": 3, "ee_quaternion": 4}
 """Number of values of each measurement; None for one per joint of the client's robot."""
 _MOST_JOINTS = 32
@@ -169,7 +169,7 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
 
 def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
     state = _numbers(message["observation/state"], "observation/state", 8)
-    unknown = np.full(7, math.nan)  # this layout is of LIBERO's robot, a Panda
+    unknown = np.full(7, math.nan)  # LIBERO's robot is a Panda with seven joints
     return Observation(
         instruction=instruction,
         step=step,
@@ -223,5 +223,5 @@ def _image(value: object, where: str) -> np.ndarray:
         or not 1 <= min(value.shape[:2]) <= max(value.shape[:2]) <= _LARGEST_SIDE
     ):
         found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise InvalidInputError(where, f"it is {found}", "Send an upright RGB image, (height, width, 3) uint8")
+        raise InvalidInputError(where, f"got {found}", "Send an upright RGB image, (height, width, 3) uint8")
     return value.copy()  # received arrays are read-only, and a policy may modify them

@@ -2,8 +2,8 @@
 
 A quaternion and its negative describe the same rotation, but w < 0 gives a rotation vector longer than pi. Every
 conversion here normalizes to w >= 0 with :func:`betterbench.geometry.normalize`, which suits the small rotations of
-actions. A tool's rotation in the state is instead converted continuously around half a turn (see
-``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`).
+actions. In the state, the tool's rotation is close to half a turn, where this rule would cause jumps; see
+``_rotation`` in :mod:`betterbench.policies.conventions.proprioception`.
 """
 
 from __future__ import annotations

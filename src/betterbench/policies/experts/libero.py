@@ -54,7 +54,7 @@ POLICIES = {
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """Object to carry, with the target position of the center of its bottom [m].
+    """Object to carry, and the target position of the center of its bottom face [m].
 
     ``fault`` is the fault of a wrong target, recorded only after the object has been carried there.
     """
@@ -252,14 +252,14 @@ def carried_step(objects: tuple[ObjectInfo, ...], number: int, name: str) -> Car
     """Return the step of a goal relation ("in(milk_1, basket_1_contain_region)").
 
     Raises:
-        InvalidInputError: If the relation is not reached by carrying.
+        InvalidInputError: If the relation cannot be reached by carrying an object.
     """
     relation, _, rest = name.removesuffix(")").partition("(")
     about = rest.split(", ")
     known = {o.name: o for o in objects}
     target = next((n for n in known if len(about) == 2 and (about[1] == n or about[1].startswith(f"{n}_"))), None)
     if relation not in CARRIED or target is None or about[0] not in known or known[about[0]].fixed:
-        raise InvalidInputError("policy", f"the policy has no skill for {name}", "Name pick-and-place tasks")
+        raise InvalidInputError("policy", f"the policy has no skill for {name}", "Choose pick-and-place tasks")
     return CarriedStep(number, relation, about[0], target)
 
 
@@ -310,7 +310,7 @@ def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
     across, along = (rotate(pose.quaternion, axis)[:2] for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     (dx, dy), (width, length) = HAND_HALF_M, other.size_m[:2]
     x, y = grasp.position[0] - pose.position[0], grasp.position[1] - pose.position[1]
-    # Two rectangles are disjoint if a side of one rectangle separates them.
+    # Separating axis test: two rectangles are disjoint if the line along a side of one rectangle separates them.
     return all(
         abs(x * a + y * b)
         <= dx * abs(a) + dy * abs(b) + 0.5 * width * abs(_dot(across, (a, b))) + 0.5 * length * abs(_dot(along, (a, b)))

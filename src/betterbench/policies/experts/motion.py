@@ -39,11 +39,11 @@ class Pace:
 FREE = Pace(0.50, 0.15, 1.6, 1.8)
 """Pace of an empty gripper."""
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
-"""Pace with an object in the gripper; an object held with 40 N slips by less than 1 mm."""
+"""Pace with an object in the gripper, at which an object held with 40 N slips by less than 1 mm."""
 RAILS = Pace(0.14, 0.05, 0.4)
 """Pace for moving a drawer, slow enough to keep its contents from sliding."""
 APPROACH = Pace(0.16, 0.05, 0.6)
-"""Pace of the last stretch before contact."""
+"""Pace of the last part of a motion before contact."""
 
 
 def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Planning for the privileged experts: grasps, paths and placements without contact with other objects."""
+"""Collision-free grasps, paths and placements for the privileged policies."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
 MAX_JOINT_STEP_RAD = 0.6
 """Maximum joint motion between two checked configurations; a larger motion implies a different arm posture."""
 COMFORT_RAD = 0.3
-"""Preferred distance from joint limits, because a wrist at its limit cannot rotate further."""
+"""Preferred distance from joint limits [rad], because a wrist at its limit cannot rotate further."""
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
@@ -52,7 +52,8 @@ class PickPlan:
         object: Object name.
         way: Poses of the tool center point on the path, the last one above the grasp.
         grasp: Pose ``T_world_tcp`` at the end of the straight approach.
-        close: Pose at which the gripper closes: ``grasp``, or beside it where a fixed finger touches the object.
+        close: Pose at which the gripper closes: ``grasp`` or, for a gripper with a fixed finger, the pose beside it at
+            which this finger touches the object.
         width_m: Opening width on the way down [m].
     """
 
@@ -156,7 +157,9 @@ class Planner:
             x, y, z = (round(v, 2) + 0.0 for v in state.position(name))  # not -0.00
             problem = f"{name} at ({x:.2f}, {y:.2f}, {z:.2f}) m is {OUT_OF_REACH} of the {self._robot.title}"
             raise PlanningError(f"no free grasp of {name}: {problem}")
-        raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
+        raise PlanningError(
+            f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'it has no annotated grasp'}"
+        )
 
     def plan_slide(self, state: WorldState, name: str, travel_m: float) -> SlidePlan:
         """Return the best collision-free path to grasp a drawer and move it along its own x axis.
@@ -338,7 +341,7 @@ class Planner:
                 yield self._before_closing(Pose((center[0], center[1], height), down), width), width
 
     def _before_closing(self, T_world_object: Pose, width_m: float) -> Pose:
-        """Return the tool pose at which the jaws stand around the middle of an object, before they close."""
+        """Return the tool pose before closing, at which the object's center is midway between the jaws."""
         offset = self._robot.jaw.object_offset_m(width_m)
         return T_world_object if offset == 0.0 else T_world_object @ Pose((0.0, -offset, 0.0))
 
@@ -351,7 +354,7 @@ class Planner:
         return result.q if free >= margin else None
 
     def _tool_at(self, joints: Sequence[float], wanted: Pose) -> Pose:
-        """Return the tool pose at joint angles found for a pose, whose rotation may differ if the arm has slack."""
+        """Return the tool pose at joint angles found for a wanted pose; some arms cannot reach its exact rotation."""
         return self._ik.forward(joints) if self._robot.ik.rotation_slack_rad else wanted
 
     def _transit(
@@ -405,7 +408,7 @@ class Planner:
             held: Object in the gripper, or None.
             T_tcp_object: Pose of the held object in the gripper.
             ignore: Objects that the robot may touch.
-            lenient_start: Whether to ignore contacts at the beginning, because the start cannot be chosen.
+            lenient_start: Whether to ignore contacts at the beginning of the path, which is the current pose.
 
         Returns:
             The obstacle, or None if the path is free; and the joint angles where the check ended.

@@ -47,8 +47,8 @@ class ExecutionNoise:
 class _DecisionLoop:
     """Loop that turns the decisions of a rule into actions.
 
-    Neither the loop nor its generator references the agent, because a reference cycle would keep the scene in memory
-    until garbage collection.
+    Neither the loop nor its generator refers to the agent: a reference cycle would keep the scene in memory until
+    garbage collection.
     """
 
     def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
@@ -106,8 +106,8 @@ class _DecisionLoop:
 def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
     """Return the demonstrated release points at a scene's targets, by target, relation and region.
 
-    In trials, the expert uses these points to show that trained motions solve the trial. Demonstrations themselves have
-    no release points to follow.
+    In trials, the expert uses these points to show that trained motions solve the trial. For demonstrations, the result
+    is always None.
     """
     return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
 
@@ -163,8 +163,8 @@ class PrivilegedAgent:
         """Ground truth about the policy's episode, stored in the run journal but not in records.
 
         ``truth`` is the outcome label of the first wrong decision (``fault``), empty if all decisions were right.
-        ``mishap`` is a right decision that the gripper could not execute. A witness adds ``same``, the names of the
-        rules that made the same decisions, separated by spaces.
+        ``mishap`` describes a right decision that the gripper could not execute. A witness adds ``same``, the names of
+        the rules that made the same decisions, separated by spaces.
         """
         rule = self._loop.rule
         fault = rule.fault
@@ -185,7 +185,7 @@ class PrivilegedAgent:
             RuntimeError: At the control step of a planned crash.
         """
         if self._execution.crash_step is not None and state.step >= self._execution.crash_step:
-            raise RuntimeError("this faulty policy fails on purpose")
+            raise RuntimeError("this faulty policy raises an error on purpose")
         if self._run is None:
             self._run = self._loop.actions(state)
             action = next(self._run)

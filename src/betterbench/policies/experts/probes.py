@@ -1,9 +1,9 @@
 """Open-loop probes, which replay the motion of a demonstration and ignore observations.
 
-A benchmark whose scenes can be solved without observations measures memory. ``probe:replay`` replays a demonstration of
-the twin's condition, usually the same instruction in the same layout. ``probe:no-images`` replays a demonstration of
-the trained instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in the training data
-of a policy. The probes miss objects at other positions.
+If trials can be solved without observations, the benchmark measures memorization. ``probe:replay`` replays a
+demonstration of the twin's condition, usually the same instruction in the same layout. ``probe:no-images`` replays a
+demonstration of the trained instruction closest to the trial's. Both use demonstration seeds, never test seeds, as in
+the training data of a policy. The probes miss objects at other positions.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def demonstration_seed(name: str, seed: int) -> int:
 
 
 def twin_of(scene: Scene) -> Condition:
-    """Return the training condition of a scene's twin; the scene's own condition if it is a training condition."""
+    """Return the condition of a scene's training twin, or the scene's own condition if it is a training condition."""
     names = {v.name: v.base for v in scene.task.variations}
     return scene.task.train(names.get(scene.condition.name, scene.condition.name))
 

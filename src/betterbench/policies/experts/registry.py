@@ -51,26 +51,28 @@ EXPERTS: dict[str, ExpertEntry] = {
     e.address: e
     for e in (
         ExpertEntry("expert", "Follows the instruction in order and repeats a missed grasp.", BrokenRule),
-        ExpertEntry("zoo:lexical", "A word triggers the motion associated with it in training.", Lexical),
-        ExpertEntry("zoo:layout", "The first pick is always at the same slot.", Layout),
-        ExpertEntry("zoo:inertia", "Goes on as most demonstrations did, at the start or after a step.", Inertia),
+        ExpertEntry(
+            "zoo:lexical", "Executes the motion that training associated with a word of the instruction.", Lexical
+        ),
+        ExpertEntry("zoo:layout", "Always picks first at the same slot.", Layout),
+        ExpertEntry("zoo:inertia", "Continues as most demonstrations did, at the start or after a step.", Inertia),
         ExpertEntry("zoo:sequence", "After its first step it executes the step that followed in training.", Sequence),
         ExpertEntry("zoo:habit-place", "Brings the right object to its trained target.", HabitPlace),
-        ExpertEntry("zoo:progress-cue", "Reads progress from how many objects are left on the table.", ProgressCue),
+        ExpertEntry("zoo:progress-cue", "Infers progress from the number of objects left on the table.", ProgressCue),
         ExpertEntry("zoo:repeat", "Repeats a finished step.", Repeat),
-        ExpertEntry(
-            "zoo:reorder", "Takes the second of two steps first, where the order is part of the goal.", Reorder
-        ),
-        ExpertEntry("zoo:color", "Any object of the right color will do.", Color),
-        ExpertEntry("zoo:shape", "Any object of the right shape will do.", Shape),
+        ExpertEntry("zoo:reorder", "Executes the second of two steps first if the order is part of the goal.", Reorder),
+        ExpertEntry("zoo:color", "Takes any object of the right color.", Color),
+        ExpertEntry("zoo:shape", "Takes any object of the right shape.", Shape),
         ExpertEntry("zoo:halt", "Stops for good if training never showed this instruction in this scene.", Halt),
         ExpertEntry("zoo:refuse", "Never starts if the scene contains an object that training never showed.", Refuse),
         ExpertEntry("zoo:phase", "Freezes or wanders if the scene looks like the middle of a task.", Phase),
         ExpertEntry("zoo:length", "Stops after as many steps as the longest demonstration had.", Length),
-        ExpertEntry("zoo:clumsy", "Correct target, failed manipulation.", Clumsy),
-        ExpertEntry("zoo:slow", "The right decisions, too slowly for the step limit.", Slow),
+        ExpertEntry("zoo:clumsy", "Chooses the right target, but fails to manipulate the object.", Clumsy),
+        ExpertEntry("zoo:slow", "Makes the right decisions, but moves too slowly for the step limit.", Slow),
         ExpertEntry("zoo:crash", "Raises an error in the middle of the episode.", Crash),
-        ExpertEntry("probe:no-language", "Sees everything and follows another instruction of the task.", NoLanguage),
+        ExpertEntry(
+            "probe:no-language", "Gets the complete state, but follows another instruction of the task.", NoLanguage
+        ),
     )
 }
 
@@ -87,7 +89,7 @@ def witnessed() -> tuple[str, ...]:
 
 
 def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
-    """Return the addresses of all privileged policies, or only those with one form of address."""
+    """Return the addresses of all privileged policies, or of those with a given address form."""
     return tuple(name for name in (*EXPERTS, *REPLAYS) if form is None or form.has(name))
 
 

@@ -1,4 +1,4 @@
-"""Motor skills such as reach, grasp and place, combined into picks and places that detect failures."""
+"""Motor skills (reach, grasp, place), and their combinations that detect and repeat failed attempts."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """Generator of a skill, which yields actions, receives states, and returns the last state and whether it succeeded."""
 
 SURE = 0.6
-"""Share of the certificate's tolerances within which a goal counts as trained; the rest allows for arm position
-errors."""
+"""Share of the certificate's tolerances within which a goal counts as trained; the rest is a margin for position errors
+of the arm."""
 PRESS_M = 0.004
 """Distance beyond the stop to which a drawer is pushed, to overcome friction when closing [m]."""
 KNOB_RELEASE_M = 0.016
@@ -219,9 +219,9 @@ class Skills:
     def in_turn(
         self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
     ) -> list[PlaceGoal]:
-        """Return goals in the order in which they are tried, with equal goals in random order (drawn per object kind).
+        """Return goals in the order in which to try them. The order of equal goals is random, drawn per object kind.
 
-        In a container, the release points of demonstrations come first.
+        For a container, goals near the release points of demonstrations come first.
         """
         draw = self.choice(f"place:{state.info.object(name).kind}")
         ordered: list[PlaceGoal] = []
@@ -333,7 +333,7 @@ class Skills:
         return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
 
     def wander(self, state: WorldState) -> Motion:
-        """Move back and forth in mid-air forever, in swings that are in proportion to the reach of the arm."""
+        """Move back and forth in mid-air without end; the amplitude is proportional to the arm's reach."""
         start = state.commanded_pose
         scale = self.planner.reach_m / SWING_REACH_M
         while True:
@@ -351,7 +351,7 @@ class Skills:
 
 
 SWING_REACH_M = 0.855
-"""Reach of the arm for which the swings of :meth:`Skills.wander` are given: the Panda [m]."""
+"""Reach of the Panda, for which the amplitude of :meth:`Skills.wander` is specified [m]."""
 
 PAD_HALF_WIDTH_M = 0.010
 

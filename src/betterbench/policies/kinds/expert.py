@@ -3,4 +3,4 @@
 from betterbench.policies.experts.address import EXPERT_FORM
 from betterbench.policies.kinds.privileged import register_privileged
 
-EXPERT = register_privileged(EXPERT_FORM, "Follows the instruction, in order.")
+EXPERT = register_privileged(EXPERT_FORM, "Follows the instruction in order.")

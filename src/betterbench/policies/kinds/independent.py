@@ -45,7 +45,7 @@ INDEPENDENT = register(
     PolicyKind(
         form=_FORM,
         shown="independent:HABIT-MANNER",
-        summary="A faulty policy, written without knowledge of the diagnosis.",
+        summary="A faulty policy whose author did not know the diagnosis.",
         needs=STATE,
         read=_read,
         make_for=_make_for,

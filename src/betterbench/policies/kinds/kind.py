@@ -41,8 +41,8 @@ class PolicyNeeds:
     """Resources that a policy needs from its run.
 
     Attributes:
-        state: The privileged state, instead of observations. A policy is made for each episode, in its scene.
-        trial: The identity of the trial. A policy is made for each episode.
+        state: The privileged state, instead of observations. A policy is created for the scene of each episode.
+        trial: The identity of the trial. A policy is created for each episode.
         thread: A thread that waits for answers while other trials are simulated. Built-in policies answer at once and
             need no thread.
         process: A separate process, for users' code: a crash there costs at most its own trial.
@@ -60,11 +60,13 @@ class PolicyNeeds:
         if (self.process or self.server) and not self.thread:
             raise ValueError("a policy in a process or on a server needs a waiting thread: set thread=True")
         if (self.state or self.trial) and self.thread:
-            raise ValueError("a policy made for one episode runs in the worker without a thread: set thread=False")
+            raise ValueError(
+                "a policy that is created for each episode runs in the worker without a thread: set thread=False"
+            )
 
 
 AT_ONCE = PolicyNeeds()
-"""Needs of a built-in policy that sees observations."""
+"""Needs of a built-in policy that uses observations."""
 
 OWN_PROCESS = PolicyNeeds(thread=True, process=True)
 """Needs of a policy with user code."""
@@ -107,7 +109,7 @@ class PolicyKind:
 
     Attributes:
         form: Form of the addresses, with options.
-        shown: Address in ``better list policies``, with words for its parts ("openpi://HOST:PORT").
+        shown: Address in ``better list policies``, with placeholders ("openpi://HOST:PORT").
         summary: One sentence about the policies.
         needs: Needs of the policies; a function if the needs depend on the address.
         make: Makes a policy that gets observations and runs one episode after the other.
@@ -121,7 +123,8 @@ class PolicyKind:
             ``--trust``.
         require_world: Raises InvalidInputError if a policy cannot act in another world ("LIBERO").
         space_in_world: Returns the action space of a policy's answers in the address's world; None if not fixed.
-        spaces: Action spaces in which each policy can answer, as the run requires; empty if it has one of its own.
+        spaces: Action spaces that the policies support, from which the run chooses; empty if each policy has a fixed
+            one.
     """
 
     form: AddressForm
@@ -164,7 +167,7 @@ class PolicyKind:
     def entries(self) -> tuple[PolicyEntry, ...]:
         """Return the rows for ``better list policies``.
 
-        A kind without a summary has no rows, because its addresses are always rejected.
+        A kind without a summary has no rows: it exists only to explain why its addresses are rejected.
         """
         privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
         rows = {self.shown: self.summary} if self.named is None else self.named()
@@ -182,7 +185,7 @@ def register(kind: PolicyKind) -> PolicyKind:
         ValueError: If another kind has its name.
     """
     if KINDS.setdefault(kind.name, kind) is not kind:
-        raise ValueError(f"another kind of policies has the name {kind.name!r}; choose another scheme")
+        raise ValueError(f"another policy kind has the name {kind.name!r}; choose another scheme")
     return kind
 
 
@@ -207,7 +210,7 @@ def unknown_policy(address: str) -> UnknownNameError:
     """Return the error for an unknown address, with the closest kinds or addresses."""
     scheme, colon, _ = address.partition("?")[0].partition(":")
     if colon and scheme not in KINDS:
-        return UnknownNameError("kind of policy", scheme, (kind.name for kind in KINDS.values() if kind.summary))
+        return UnknownNameError("policy kind", scheme, (kind.name for kind in KINDS.values() if kind.summary))
     return UnknownNameError("policy", address, (entry.address for entry in known_policies()))
 
 
@@ -255,7 +258,7 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     kind = kind_of(address)
     read = kind.parse(address, world=world)
     if kind.make is None:
-        raise read.error("this policy is made for one episode, in its scene", "Evaluate it directly")
+        raise read.error("this policy can only be created for the scene of one episode", "Evaluate it directly")
     return kind.make(read)
 
 
@@ -271,7 +274,9 @@ def make_for(address: str, scene: TrialScene, trial: PlannedTrial | None = None)
     kind = kind_of(address)
     read = kind.parse(address)
     if kind.make_for is None:
-        raise read.error("this policy is not made for a single episode", "Give it observations")
+        raise read.error(
+            "this policy is not created for each episode", "Create it with make_policy and give it observations"
+        )
     return kind.make_for(read, scene, trial)
 
 

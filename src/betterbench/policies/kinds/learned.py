@@ -1,4 +1,4 @@
-"""Learners trained by ``better train``, from the privileged state or, in the family ``pixels``, from observations."""
+"""Learners trained by ``better train``; they use the privileged state or, in the family ``pixels``, observations."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _describe(address: PolicyAddress) -> PolicyInfo | None:
 
 def _require_world(address: PolicyAddress, world: str) -> None:
     sees = _needs(address) is AT_ONCE
-    raise needs_own_scenes(address, "learned from the images" if sees else "uses the privileged state", world)
+    raise needs_own_scenes(address, "was trained on images" if sees else "uses the privileged state", world)
 
 
 LEARNED = register(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
-    """Register the privileged policies with one form of address."""
+    """Register the privileged policies with an address form as a policy kind."""
 
     def named() -> dict[str, str]:
         from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names
@@ -74,8 +74,9 @@ def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tupl
     """
     return InvalidInputError(
         "--policy",
-        f"{address} {needs} of our own scenes, which {world} does not have",
-        "Name a policy that uses observations" + (f", or one that supports it: {', '.join(known)}" if known else ""),
+        f"{address} {needs} of betterbench's own scenes, which {world} does not have",
+        "Choose a policy that uses observations"
+        + (f", or a policy that supports this world: {', '.join(known)}" if known else ""),
     )
 
 

@@ -3,4 +3,4 @@
 from betterbench.policies.experts.address import PROBE_FORM
 from betterbench.policies.kinds.privileged import register_privileged
 
-PROBE = register_privileged(PROBE_FORM, "Lacks the images or the instruction.")
+PROBE = register_privileged(PROBE_FORM, "Acts without the images or the instruction.")

@@ -36,7 +36,7 @@ def load_plugin(address: str) -> Policy:
         made = getattr(module, name)
     except AttributeError:
         raise InvalidInputError(
-            f"policy python:{address}", f"{where} has no {name!r}", "Name a class of that module"
+            f"policy python:{address}", f"{where} has no {name!r}", "Give the name of a class in that module"
         ) from None
     policy = _instance(address, name, made, arguments)
     require_policy(policy, f"policy python:{address}")
@@ -46,7 +46,7 @@ def load_plugin(address: str) -> Policy:
 def source_of(address: str) -> str:
     """Return the name and SHA-256 of the file from which this process loaded a plugin.
 
-    The result is empty if it loaded none.
+    The result is empty if no plugin was loaded from a file.
     """
     where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
@@ -65,7 +65,7 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
     if not separator or not where or not name:
         raise InvalidInputError(
             f"policy python:{address}",
-            "the address names no class",
+            "the class name is missing from the address",
             "Write python:module:Class or python:file.py:Class",
         )
     arguments: dict[str, Any] = {}
@@ -97,7 +97,7 @@ def _instance(address: str, name: str, made: Callable[..., Policy], arguments: d
         signature.bind(**arguments)
     except (TypeError, ValueError) as error:
         how = "with these arguments" if arguments else "without arguments"
-        cure = f"It takes {takes}: write python:…:{name}?key=value, or give defaults to all"
+        cure = f"It takes {takes}: write python:…:{name}?key=value, or add defaults to the class"
         raise InvalidInputError(f"policy python:{address}", f"{name} cannot be called {how} ({error})", cure) from None
     try:
         return made(**arguments)
@@ -129,10 +129,10 @@ def _load_module(name: str) -> ModuleType:
 def _load_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"betterbench_plugin_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise InvalidInputError(f"policy python:{path}", "there is no such file", "Name an existing Python file")
+        raise InvalidInputError(f"policy python:{path}", "the file does not exist", "Give an existing Python file")
     folder = str(path.resolve().parent)
     if folder not in sys.path:
-        sys.path.insert(0, folder)  # as for a script, so that the file can import its neighbors
+        sys.path.insert(0, folder)  # as Python does for a script, so that the file can import modules in its folder
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look up the module of their class here
     try:

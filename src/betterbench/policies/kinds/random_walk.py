@@ -1,4 +1,4 @@
-"""Random walk, as a measure of the success rate of random actions."""
+"""Random walk, to measure the success rate of random actions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Random:
-    """Seeded random walk that is smooth enough to cover distance.
+    """Seeded random walk in velocity, so that the robot covers some distance.
 
     In an action space of absolute joint angles, the walk starts at the measured angles and moves by at most
     :data:`~betterbench.interface.actions.JOINT_STEP_PER_UNIT_RAD` per step and joint.

@@ -49,7 +49,7 @@ def register_server(
         summary: One sentence that describes the servers.
         transport: Transport protocol of such a server.
         port: Default port.
-        connect: Makes a client, with the handshake done, from an address and the seed for its pauses.
+        connect: Returns a connected client after the handshake, given an address and the seed of its retry jitter.
         usual: Default preset of an address; empty if the address must name a preset.
         options: Options of this kind only.
         constants: Whether an address may add constants to each request.
@@ -64,7 +64,7 @@ def register_server(
     )
 
     def make(address: PolicyAddress) -> Policy:
-        # Each client has its own jitter (pauses between retries); results do not depend on it.
+        # Each client gets its own seed for the jitter of retries; results do not depend on it.
         return connect(address, 1_000_003 * os.getpid() + next(_COUNT))
 
     def answers_in(address: PolicyAddress) -> str | None:
@@ -85,7 +85,7 @@ def register_server(
 
 
 def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
-    """Return the action space of the answers in the address's world, or None if the address does not say.
+    """Return the action space of the answers in the address's world, or None if the address does not determine it.
 
     ``usual`` is the default preset. Raises the errors of
     :func:`betterbench.policies.conventions.presets.adapter_of`.

@@ -27,7 +27,7 @@ class Replay:
         from betterbench.records import RunFolder
 
         if not folder:
-            raise InvalidInputError("policy replay", "no run was named", "Write replay:RUN with the folder of a run")
+            raise InvalidInputError("policy replay", "no run is given", "Write replay:RUN with the folder of a run")
         run = RunFolder.open(Path(folder))
         self._actions: np.ndarray | None = None
         for name in (condition, base):
@@ -53,7 +53,7 @@ class Replay:
 
             raise InvalidInputError(
                 "action space",
-                f"the record was made with {self._space!r}, the run uses {start.action_space!r}",
+                f"the record uses {self._space!r}, but the run uses {start.action_space!r}",
                 space_cure(self._space),
             )
 
@@ -78,7 +78,7 @@ _FORM = AddressForm(scheme="replay", example="replay:RUN")
 def _read(text: str, world: str) -> PolicyAddress:
     folder = text.partition(":")[2]  # everything after the colon: a folder name may contain "?"
     if not folder:
-        raise InvalidInputError("policy replay", "no run was named", "Write replay:RUN with the folder of a run")
+        raise InvalidInputError("policy replay", "no run is given", "Write replay:RUN with the folder of a run")
     return PolicyAddress(text, _FORM, folder, {}, world)
 
 
@@ -93,7 +93,7 @@ def _describe(address: PolicyAddress) -> PolicyInfo:
 def _make_for(address: PolicyAddress, scene: TrialScene, trial: PlannedTrial | None) -> Replay:
     del scene
     if trial is None:
-        raise address.error("it replays the records of planned trials", "Evaluate it")
+        raise address.error("it can only replay the trials of a run", "Use it with better eval")
     base = trial.base_condition or trial.condition
     return Replay(address.target, task=trial.task, condition=trial.condition, base=base, seed=trial.seed)
 

@@ -1,4 +1,4 @@
-"""The zoo: privileged policies with one known fault each, for calibrating the diagnosis."""
+"""Policy kind of the faulty policies ("zoo"), each with one known fault, which calibrate the diagnosis."""
 
 from betterbench.policies.experts.address import ZOO_FORM
 from betterbench.policies.kinds.privileged import register_privileged

@@ -29,7 +29,7 @@ ACTION_SPACE = "ee_delta"
 """Action space of a learner's answers."""
 _KEY = "betterbench"
 _MAX_BYTES = 1 << 30
-_CURE = "Name a checkpoint.safetensors that better train wrote, or train it again"
+_CURE = "Give a checkpoint.safetensors written by better train, or train again"
 _VOCABULARY = TypeAdapter(Vocabulary)
 
 
@@ -112,8 +112,8 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     require_code(about, str(path))
     trained = _trained(about, str(path))
     if trained.action_space != ACTION_SPACE:
-        problem = f"answers in the action space {trained.action_space!r}"
-        raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
+        problem = f"its action space is {trained.action_space!r}"
+        raise InvalidInputError(str(path), problem, f"Learners must use {ACTION_SPACE}")
     if trained.recipe.built_in:
         _require_possible(trained, weights, str(path))
     with torch.random.fork_rng(devices=[]):
@@ -134,7 +134,7 @@ def checkpoint_file(place: str) -> Path:
     """
     path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
     if not path.is_file():
-        raise InvalidInputError(f"start: {place}", "contains no checkpoint", "Name the folder that better train wrote")
+        raise InvalidInputError(f"start: {place}", "contains no checkpoint", "Give a folder written by better train")
     return path
 
 
@@ -151,7 +151,7 @@ def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
 
 
 def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
-    """Reject metadata that imply more weights than the file contains, before the network is made.
+    """Reject metadata that imply more weights than the file contains, before the network is created.
 
     A transformer layer has 12 matrices of size width x width (queries, keys, values, their output map, and two maps of
     size 4 width x width), and each word has one row of length width.
@@ -159,7 +159,7 @@ def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: st
     size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
     claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width
     if claimed > there:
-        problem = f"its weights do not fit its recipe ({there:,} numbers, and its recipe needs {claimed:,})"
+        problem = f"its weights do not fit its recipe ({there:,} numbers, but its recipe needs {claimed:,})"
         raise InvalidInputError(where, problem, _CURE)
 
 
@@ -193,8 +193,8 @@ def require_code(about: Mapping[str, Any], where: str) -> None:
     family = str(recipe.get("family")) if isinstance(recipe, dict) else ""
     here = code_of("family", family)
     if here is not None and here != code:
-        problem = f"its family {family!r} was defined by {code or 'no file that was named'}, but here by {here}"
-        cure = f"Pass the file of its training; better train keeps a copy in {COPIES} next to the checkpoint"
+        problem = f"its family {family!r} was defined by {code or 'an unknown file'}, but is now defined by {here}"
+        cure = f"Pass the file used in training; better train keeps a copy in {COPIES} next to the checkpoint"
         raise InvalidInputError(where, problem, cure)
 
 

@@ -13,9 +13,9 @@ from betterbench.policies.learned.recipe import Eyes
 
 
 def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the views of a learner, (views, size, size, 3) uint8, from upright images by camera.
+    """Return the input images of a learner, (views, size, size, 3) uint8, from upright images by camera.
 
-    Each pixel is the mean over the covered part of the camera's image; at scale one, pixels are copied.
+    Each pixel is the mean over the part of the camera image that it covers; at scale one, pixels are copied.
 
     Raises InvalidInputError if a camera is missing, or an image has another size than in the recipe's observation.
     """
@@ -24,10 +24,10 @@ def looked_at(eyes: Eyes, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
     for place, view in enumerate(eyes.windows):
         spec, picture = known[view.camera], pictures.get(view.camera)
         if picture is None or picture.shape != (spec.height, spec.width, 3):
-            shown = "no picture" if picture is None else f"one of {picture.shape[1]} x {picture.shape[0]}"
+            shown = "missing" if picture is None else f"{picture.shape[1]} x {picture.shape[0]}"
             raise InvalidInputError(
                 f"camera {view.camera}",
-                f"the images are {shown}, the learner was trained with {spec.width} x {spec.height}",
+                f"the images are {shown}, but the learner was trained with {spec.width} x {spec.height}",
                 f"Give --observation {eyes.observation}",
             )
         left, top, right, bottom = view.window

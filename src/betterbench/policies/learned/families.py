@@ -1,6 +1,6 @@
 """Families of learners with their inputs, sizes and freezable parts. User files can add families.
 
-This module does not need torch; :mod:`networks` makes a family's network.
+This module does not import torch; :mod:`networks` builds a family's network.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Family:
         capacities: Sizes ``small``, ``base`` and ``large``.
         parts: Parts of the network that recipes may freeze.
         options: Own options for recipes, with defaults.
-        make: Function that makes the network from recipe and vocabulary; None for a built-in family.
+        make: Function that builds the network from recipe and vocabulary; None for a built-in family.
     """
 
     name: str
@@ -114,7 +114,7 @@ def learner(
             raise InvalidInputError(where, *wrong)
         made = registered("family", name, make, _FAMILIES)
         if name in _FAMILIES and made is not make:
-            raise InvalidInputError(where, "the file defines it twice", "Rename one of the two")
+            raise InvalidInputError(where, "it is defined twice", "Rename one of the two")
         if name in _FAMILIES and _FAMILIES[name].make is None:
             raise InvalidInputError(where, "this is the name of a built-in family", "Choose another name")
         _FAMILIES[name] = Family(name, sees, dict(sizes or {}), (*parts, _HEAD), dict(options or {}), made)
@@ -126,11 +126,14 @@ def learner(
 def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
     """Yield the errors of a registration in a user's file, with remedies."""
     if not isinstance(name, str) or not name or sees not in _SEES:
-        yield f"it has no name, or sees {sees!r}", 'Write @learner("mine", sees="objects") or sees="pixels"'
+        yield (
+            f"expected a name and sees='objects' or 'pixels', got {name!r} and {sees!r}",
+            'Write @learner("mine", sees="objects") or sees="pixels"',
+        )
     if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
-        yield f"its capacities are {_listed(capacities)}", f"Give {', '.join(_SIZES)}"
+        yield f"its capacities have the names {_listed(capacities)}", f"Give {', '.join(_SIZES)}"
     elif not all(isinstance(size, Capacity) for size in capacities.values()):
-        yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity for each"
+        yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity object for each size"
     if not isinstance(parts, tuple | list) or not all(isinstance(part, str) and part for part in parts):
         yield f"its parts are {parts!r}", 'Give the names of modules: parts=("trunk",)'
     if not isinstance(options, Mapping) or not all(isinstance(option, str) for option in options):
@@ -138,7 +141,7 @@ def _wrong(name: object, sees: object, capacities: object, parts: object, option
         return
     for option, default in options.items():
         if not isinstance(default, bool | int | float | str) or (isinstance(default, float) and not isfinite(default)):
-            yield f"its option {option!r} is {default!r} by default", "Give a number, a word, True or False"
+            yield f"the default of its option {option!r} is {default!r}", "Give a finite number, a string or a boolean"
 
 
 def _listed(given: object) -> str:

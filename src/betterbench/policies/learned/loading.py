@@ -22,9 +22,9 @@ _MOST_HEADER = 1 << 24
 
 
 def is_seeing(address: PolicyAddress) -> bool:
-    """Return whether an address names a learner that uses observations, as in the family ``pixels``.
+    """Return whether the learner at an address uses observations, as in the family ``pixels``.
 
-    Also False for a checkpoint that is missing, damaged or of an unknown family; loading it raises the error.
+    Returns False if the checkpoint is missing, damaged or of an unknown family; loading it raises an error.
     """
     path = checkpoint_of(address)
     try:
@@ -75,7 +75,9 @@ def _executed(address: PolicyAddress, learner: Learner) -> int:
     if given is None:
         return recipe.execute
     if not given.isdecimal() or not 1 <= int(given[:9]) <= recipe.chunk:
-        raise address.error(f"execute={given} is not a valid number of actions of a chunk", f"Give 1 to {recipe.chunk}")
+        raise address.error(
+            f"execute={given} is out of range", f"Give 1 to {recipe.chunk}, the number of actions per chunk"
+        )
     return int(given)
 
 
@@ -91,7 +93,7 @@ def checkpoint_of(address: PolicyAddress) -> Path:
 @functools.lru_cache(maxsize=64)
 def _family(path: Path, changed_ns: int, size: int) -> str | None:
     """Return the family in the header of a checkpoint, without torch, or None if the header has none."""
-    del changed_ns  # part of the key
+    del changed_ns  # only part of the cache key
     try:
         with open_ordinary(path) as file:
             length = int.from_bytes(file.read(8), "little")
@@ -114,13 +116,13 @@ def load_learner(address: PolicyAddress) -> Learner:
         found = path.stat()
     except OSError as error:
         problem = f"cannot be read ({error.strerror})"
-        raise InvalidInputError(str(path), problem, "Name the folder that better train wrote") from error
+        raise InvalidInputError(str(path), problem, "Give a folder written by better train") from error
     return _loaded(path.absolute(), found.st_mtime_ns, found.st_size)
 
 
 @functools.lru_cache(maxsize=4)
 def _loaded(path: Path, changed_ns: int, size: int) -> Learner:
-    del changed_ns, size  # parts of the key
+    del changed_ns, size  # only parts of the cache key
     from betterbench.policies.learned.policy import Learner  # noqa: PLC0415 - needs torch
 
     return Learner.load(path)

@@ -19,9 +19,9 @@ from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
-"""Length scales at which object positions relative to the tool are given to the learner [m]."""
+"""Length scales by which object positions relative to the tool are divided for the learner [m]."""
 WAVES_M = (0.4, 0.1)
-"""Wavelengths of the sines and cosines of these positions [m], which resolve millimeters."""
+"""Wavelengths of the sine and cosine features of these positions [m], chosen to resolve millimeters."""
 _AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
@@ -131,14 +131,14 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 class LearnerNetwork(nn.Module):
     """Base network of learners: maps a batch of inputs to a chunk of normalized actions, (B, chunk, 7).
 
-    A family makes its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`. All
-    families share the head that maps the vector to actions, the losses and the answers to questions.
+    A family creates its modules in :meth:`build` and reduces the inputs to one vector per sample in :meth:`summary`.
+    The head that maps this vector to actions, the losses, and the answers to questions are the same for all families.
 
     Attributes:
         recipe: Recipe of the training; ``recipe.size`` is the capacity.
         options: Family options.
-        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. There are such buffers for
-            actions, (7,), and for the inputs named to :meth:`keep_scale`.
+        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Similar
+            buffers exist for actions, (7,), and for the inputs given to :meth:`keep_scale`.
     """
 
     tool_mean: Tensor
@@ -152,7 +152,7 @@ class LearnerNetwork(nn.Module):
         self.build(vocabulary)
         taken = sorted(_TAKEN & self._modules.keys())
         if taken:
-            problem = f"its module {taken[0]!r} has a name that every learner uses"
+            problem = f"the module name {taken[0]!r} is reserved, because every learner has it"
             raise InvalidInputError(f"learner {recipe.family!r}", problem, "Rename it")
         width = recipe.size.width
         numbers = recipe.chunk * ACTION_NUMBERS
@@ -168,7 +168,7 @@ class LearnerNetwork(nn.Module):
 
     def build(self, vocabulary: Vocabulary) -> None:
         """Make the family's modules, with initial weights from torch's own generator."""
-        raise NotImplementedError(f"{type(self).__name__} has no method build")
+        raise NotImplementedError(f"{type(self).__name__} must implement build")
 
     def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
         """Return one vector for each sample, (B, width).
@@ -177,7 +177,7 @@ class LearnerNetwork(nn.Module):
             shown: Inputs of the batch.
             heard: Result of :meth:`hear` for the batch's words, if already computed.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no method summary")
+        raise NotImplementedError(f"{type(self).__name__} must implement summary")
 
     def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
         """Return an encoding of instructions, (B, w) int64, that is cached during an episode, or None for no encoding.
@@ -246,7 +246,7 @@ class LearnerNetwork(nn.Module):
         wanted = (actions - self.action_mean) / self.action_scale
         summary = self._gathered(shown)
         if self.recipe.loss == "flow":
-            # times are drawn as in GR00T N1, from Beta(1.5, 1), mostly near the noise
+            # flow times are drawn from Beta(1.5, 1) as in GR00T N1, so most samples are close to pure noise
             times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
             noise = torch.randn_like(wanted)
             between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
@@ -277,13 +277,13 @@ class LearnerNetwork(nn.Module):
 
         Args:
             shown: Inputs of the batch.
-            noise: (B, chunk, 7) start of a flow.
+            noise: (B, chunk, 7) initial noise of a flow-matching learner.
             heard: Result of :meth:`hear` for the batch's words, if already computed.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
             if noise is None:
-                raise ValueError("a flow needs noise")
+                raise ValueError("a flow-matching learner needs noise")
             found, count = noise, self.recipe.flow_steps
             for step in range(count):
                 times = torch.full((len(noise),), step / count, device=noise.device)
@@ -303,8 +303,8 @@ class LearnerNetwork(nn.Module):
 class TokenNetwork(LearnerNetwork):
     """Transformer over tokens of words, tool states and a family's inputs.
 
-    These families differ only in the encoder that maps their inputs to tokens. Modules made by :meth:`open_eyes` are
-    named parts, which a recipe can freeze.
+    The built-in families differ only in the encoder that maps their inputs to tokens. The modules created by
+    :meth:`open_eyes` are named parts, which a recipe can freeze.
     """
 
     state: nn.ModuleDict
@@ -332,7 +332,7 @@ class TokenNetwork(LearnerNetwork):
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
-        """Make this family's modules and scales."""
+        """Create the input encoder of this family, and store the scales that it needs."""
 
     @abstractmethod
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
@@ -403,7 +403,7 @@ class TokenNetwork(LearnerNetwork):
 class ObjectsNetwork(TokenNetwork):
     """Network of ``objects``, with one token per object.
 
-    Without a position code, the order of objects is irrelevant.
+    There is no position encoding, so the order of objects does not matter.
     """
 
     position_mean: Tensor
@@ -425,7 +425,7 @@ class ObjectsNetwork(TokenNetwork):
         """Return one token per object, and the mask of existing objects."""
         del words, told, which
         if not isinstance(shown, ObjectsBatch):
-            raise TypeError("the network of objects needs an ObjectsBatch")
+            raise TypeError("ObjectsNetwork needs an ObjectsBatch")
         objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
         return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
 

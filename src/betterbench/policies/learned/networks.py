@@ -24,17 +24,23 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
     where = f"learner {recipe.family!r}"
     if not isinstance(network, LearnerNetwork):
-        raise InvalidInputError(where, f"it makes a {type(network).__name__}", "Derive it from LearnerNetwork")
+        raise InvalidInputError(
+            where, f"expected a LearnerNetwork, got {type(network).__name__}", "Derive it from LearnerNetwork"
+        )
     first: dict[int, str] = {}
     for name, tensor in network.state_dict().items():
         if not isinstance(tensor, Tensor):
-            raise InvalidInputError(where, f"it keeps {name}, not a tensor", "Keep it as a buffer or an option")
+            raise InvalidInputError(
+                where, f"its saved state {name} is not a tensor", "Store it as a buffer or an option"
+            )
         if isinstance(tensor, UninitializedTensorMixin):
-            raise InvalidInputError(where, f"the shape of its {name} is not known", "Use modules that are not lazy")
+            raise InvalidInputError(where, f"the shape of {name} is unknown", "Do not use lazy modules")
         if not tensor.numel():
             continue
         if (other := first.setdefault(tensor.data_ptr(), name)) != name:
-            raise InvalidInputError(where, f"its weights {other} and {name} are the same", "Keep them under one name")
+            raise InvalidInputError(
+                where, f"its weights {other} and {name} are the same tensor", "Register the tensor under one name"
+            )
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)
     if missing is not None:
         raise InvalidInputError(where, f"its network has no part {missing!r}", "Correct its parts, or the recipe")

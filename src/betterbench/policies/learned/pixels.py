@@ -1,4 +1,4 @@
-"""Network of the ``pixels`` family: a strided convolutional net with FiLM, whose key points become tokens."""
+"""Network of the ``pixels`` family: a strided convolutional network with FiLM, whose key points become tokens."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _Convolutions(nn.Module):
             asked: (U, width) encodings of the distinct instructions.
             which: (P,) index of each image's instruction.
         """
-        # no normalization in the first layer: its map is the largest, and would take most of the time
+        # no normalization in the first layer: its feature map is the largest, so it would take most of the time
         seen = functional.relu(self.layers[0](pictures))
         for film, layer in zip(self.film, self.layers[1:], strict=True):
             scale, shift = film(asked)[which][..., None, None].chunk(2, dim=1)
@@ -79,7 +79,7 @@ class PixelsNetwork(TokenNetwork):
     def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
         """Return one token per view; no view is masked."""
         if not isinstance(shown, PicturesBatch):
-            raise TypeError("the network of pixels needs a PicturesBatch")
+            raise TypeError("PixelsNetwork needs a PicturesBatch")
         batch, views = shown.pictures.shape[:2]
         asked = functional.gelu(self.eyes.asked(words)) * told[..., None]
         asked = asked.sum(dim=1) / told.sum(dim=1, keepdim=True).clamp(min=1)

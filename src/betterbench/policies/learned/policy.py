@@ -84,7 +84,7 @@ class Learner:
             drawn = np.random.default_rng(seed).standard_normal((self.network.chunk, ACTION_NUMBERS), dtype=np.float32)
             noise = self.batch(drawn)
         with torch.inference_mode(), contextlib.ExitStack() as stack:
-            if not self.trained.recipe.built_in:  # user networks may draw random numbers
+            if not self.trained.recipe.built_in:  # a user's network may draw random numbers
                 stack.enter_context(torch.random.fork_rng(devices=[]))
                 torch.manual_seed(seed >> 1)
             answer = self.network.act(shown, noise, self._hear(shown.words))[0].cpu().numpy().astype(np.float64)
@@ -109,7 +109,7 @@ class Learner:
 
 
 class LearnedPolicy:
-    """Learner of ``objects`` in one episode, which answers again after executing ``execute`` actions."""
+    """Policy of an ``objects`` learner for one episode; it predicts a new chunk after ``execute`` executed actions."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Prepare for one episode; ``episode`` seeds the noise of a flow-matching learner."""
@@ -146,10 +146,10 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """Learner of ``pixels``, which gets observations like every evaluated policy."""
+    """Policy of a ``pixels`` learner, which gets observations like every evaluated policy."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
-        """Prepare the policy; raise InvalidInputError if its history does not match the steps of its answers."""
+        """Prepare the policy; raise InvalidInputError if its history stride is not a multiple of ``execute``."""
         recipe = learner.trained.recipe
         if recipe.history > 1:
             require_asked(recipe.history_stride, execute, f"policy {address}: history_stride")

@@ -1,4 +1,4 @@
-"""Training recipes, which contain all settings that determine a learner's weights."""
+"""Training recipes: all settings that determine a learner's weights."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Eyes:
         try:
             observation_spec(self.observation).only(self.cameras)
         except UnknownNameError as error:
-            raise InvalidInputError("eyes", str(error).rstrip("."), "Name cameras of an observation preset") from error
+            raise InvalidInputError("eyes", str(error).rstrip("."), "Give cameras of an observation preset") from error
 
     @property
     def windows(self) -> tuple[View, ...]:
@@ -150,7 +150,7 @@ class TrainingRecipe:
             ``pixels`` gets images; or the name of a user's family.
         options: Options of a user's family.
         tasks: Tasks whose demonstrations are used; all in the data if empty.
-        variations: Whether to include demonstrations of test variations, as in the covered regime.
+        variations: Whether to include demonstrations of test variations, as in the covered training distribution.
         demonstrations: Maximum number of demonstrations per condition, lowest seeds first; None for all.
         longest_pause: Maximum number of control steps used from a pause of the demonstrator; None for all.
         every: Stride between input frames in training; a chunk's actions are consecutive.
@@ -173,7 +173,7 @@ class TrainingRecipe:
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as by ``better export --validation``.
         validate_every: Steps between two validations.
-        rollouts: Number of rollouts in each validation, from the starts of held-out demonstrations.
+        rollouts: Number of rollouts in each validation, from the initial states of held-out demonstrations.
         save_every: Number of steps between two saved states, from which training resumes.
         threads: Threads of one process. Weights are reproducible only with the same number of threads.
     """
@@ -220,17 +220,17 @@ class TrainingRecipe:
         """Reject values that contradict each other or are not supported by the family."""
         self._require_family()
         if self.execute > self.chunk:
-            problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
+            problem = f"{self.execute} exceeds the {self.chunk} actions of a chunk"
             raise InvalidInputError("execute", problem, "Give at most that number")
         if self.start is None and self.frozen:
-            raise InvalidInputError("frozen", "frozen parts would stay untrained", "Name a checkpoint as start")
+            raise InvalidInputError("frozen", "frozen parts would keep random weights", "Give a checkpoint as start")
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
-            problem = f"the family {self.family} does not have it"
+            problem = f"the family {self.family} does not have this field"
             raise InvalidInputError(foreign, problem, "Leave out this field, or change the family")
         parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
         if parts <= set(self.frozen) and self.built_in:
-            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
+            raise InvalidInputError("frozen", "all parts are frozen", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
             problem = (
                 f"a share of {self.co_training.weight} of a batch of {self.batch} samples is less than one question"
@@ -252,7 +252,7 @@ class TrainingRecipe:
                 raise InvalidInputError("options", problem, "Leave out the options, or change the family")
             wanted = type(family.options[name])
             if type(value) is not wanted and (wanted, type(value)) != (float, int):
-                problem = f"{value!r} is not of type {wanted.__name__}, the type of its default"
+                problem = f"expected {wanted.__name__}, the type of its default, got {value!r}"
                 raise InvalidInputError(f"options.{name}", problem, "Correct it")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
@@ -270,7 +270,7 @@ class TrainingRecipe:
 
     @property
     def size(self) -> Capacity:
-        """The capacity, looked up if the recipe only names it."""
+        """The capacity; a name such as ``small`` is looked up in the family."""
         named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
@@ -313,16 +313,16 @@ class TrainingRecipe:
         """Return a JSON-serializable dict with all defaults; unused ``co_training`` and ``options`` are left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
-            del form["co_training"]  # omitted so that trainings from before this field existed can be resumed
+            del form["co_training"]  # omitted so that trainings begun before this field existed can be resumed
         if not self.options:
             del form["options"]
         return form
 
 
 def require_asked(stride: int, execute: int, field_name: str) -> None:
-    """Raise InvalidInputError if a pixels learner's history does not match the steps of its answers."""
+    """Raise InvalidInputError if a pixels learner's history stride is not a multiple of ``execute``."""
     if stride % execute:
-        problem = f"{stride} is not a multiple of the {execute} actions between two answers of a learner of pixels"
+        problem = f"{stride} is not a multiple of execute ({execute}), which a pixels learner requires"
         raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
 
 

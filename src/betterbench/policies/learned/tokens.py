@@ -1,6 +1,6 @@
-"""Inputs for a learner of the ``objects`` family: the tool, and detectable properties of each object.
+"""Inputs for a learner of the ``objects`` family: the tool state, and visible properties of each object.
 
-Name, role and slot of objects, the held object and the task's goal are excluded, because they would reveal the answer.
+Names, roles and slots of objects, the held object and the task's goal are excluded, because they would reveal the task.
 """
 
 from __future__ import annotations

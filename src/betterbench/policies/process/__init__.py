@@ -1,1 +1,1 @@
-"""User policies, loaded from a Python file, in a separate process."""
+"""User policies in a separate process."""

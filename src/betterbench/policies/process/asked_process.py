@@ -37,7 +37,7 @@ ERRORS = (
 )
 """betterbench errors that keep their class when sent to the run; all others become PolicyError."""
 
-# bound at import, before a policy can replace them
+# imported here, before a policy can replace these functions
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
 

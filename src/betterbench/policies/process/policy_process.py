@@ -63,9 +63,9 @@ MARK = "BETTERBENCH_POLICY_PROCESS"
 class PolicyProcess:
     """Client side of a policy in a separate process.
 
-    If the process has ended, the next request starts a new one with a new policy. A new process is also started after a
-    failed episode, unless the policy holds weights, to keep failures from affecting later episodes. The process leads
-    its own session, which separates its signals from the run's.
+    If the process has ended, the next request starts a new process with a new policy. A new process is also started
+    after a failed episode, so that the failure cannot affect later episodes, unless the policy has large weights. The
+    process has its own session, so that signals to the run do not reach it.
 
     Attributes:
         info: Policy declarations.
@@ -120,8 +120,8 @@ class PolicyProcess:
         """Return the policy's answer to an observation.
 
         Raises:
-            PolicyError: If the policy raised any exception, or its process ended by its own fault.
-            PolicyKilledError: If the process was ended from outside.
+            PolicyError: If the policy raised any exception, or its process crashed.
+            PolicyKilledError: If another process killed it.
             PolicyUnavailableError: If the policy raised this error, because its server cannot be reached.
             HandshakeError: If the policy raised this error, because its server serves another policy.
         """
@@ -133,20 +133,20 @@ class PolicyProcess:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:
-        """Use another process for the next episode after a failed trial, unless the policy holds weights."""
+        """Use another process for the next episode after a failed trial, unless the policy has large weights."""
         self._failed = not self.info.heavy
 
     def close(self) -> None:
         """Close the policy and end its process; if a request is running, only end the process.
 
-        A second caller neither waits for the first one nor interrupts the policy's own close.
+        If another thread is already closing the policy, return at once.
         """
         with self._closing:
             first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
             if first and running is not None:
-                running.kill()  # a running request then reads an end of file
+                running.kill()  # a running request then gets an end of file
             return
         try:
             if self._running is not None:
@@ -168,7 +168,7 @@ class PolicyProcess:
             try:
                 answer, arrays = running.call(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
-                    raise PolicyError(f"{len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
+                    raise PolicyError(f"got {len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
                 status, self._running = running.finish(), None
                 if isinstance(error, PolicyError):
@@ -249,7 +249,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
     started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
-    except PolicyKilledError as error:  # no trial has begun, so there is nothing to repeat
+    except PolicyKilledError as error:  # no trial has begun, so nothing needs to be repeated
         raise PolicyProcessError(str(error)) from error
     except BaseException:
         started.finish()
@@ -289,7 +289,7 @@ class _Started(AskedProcess):
             answer, _ = read_answer(self.greeting(limit_s=timeout_s))
         except FrameTimeoutError as error:
             raise PolicyProcessError(
-                f"{self._address}: it is not loaded after {timeout_s:g} s. Increase --policy-timeout: loading may take "
+                f"{self._address}: loading took more than {timeout_s:g} s. Increase --policy-timeout: loading may take "
                 "ten times as long as an answer."
             ) from error
         except (FrameError, PolicyError) as error:

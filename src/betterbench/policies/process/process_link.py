@@ -2,8 +2,8 @@
 
 A request from the run is a pickle in a byte array; a request without arrays is the last one. An answer contains no
 Python objects, because a policy can write anything to its socket. The run reads answers in
-:mod:`betterbench.policies.process.process_reader`. The form checks are not imported here, to let the process of a
-policy start fast.
+:mod:`betterbench.policies.process.process_reader`. This module does not import the checks of answers, so that
+the process of a policy starts fast.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from betterbench.interface import Execution, PolicyInfo
 from betterbench.jobs.frames import MAX_ARRAY_BYTES, FrameContent
 
 MAX_ANSWER_BYTES = 64 << 20
-"""Largest answer [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
+"""Largest answer [bytes]; a chunk of 1,000 actions with 7 numbers takes 56,000 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +70,12 @@ class ProcessAnswer:
     declared: Declared | None = None
 
 
-# bound here, before a policy can replace it
+# imported here, before a policy can replace it
 _array = np.asarray
 
 
 def text_of(value: object) -> str:
-    """Return a printable text of any value that a policy uses as a text."""
+    """Return any value that a policy uses as a string as a printable string."""
     return str.encode(str(value), "utf-8", "backslashreplace").decode()
 
 

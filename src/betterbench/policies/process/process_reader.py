@@ -25,5 +25,5 @@ def read_answer(content: FrameContent) -> tuple[ProcessAnswer, list[np.ndarray]]
         raises=PolicyError,
     )
     if list(arrays) != [str(place) for place in range(len(arrays))]:
-        raise PolicyError("an answer with arrays out of order")
+        raise PolicyError("the arrays of the answer are out of order")
     return answer, [array.copy() for array in arrays.values()]

@@ -21,16 +21,16 @@ MAX_BODY_BYTES = 4 * 1024 * 1024
 """Largest accepted body [byte]: empty lists take 20 times as much in memory, and 100 actions about 15 kB."""
 
 ArrayCoding = Literal["map", "text", "png"]
-"""Encoding of arrays in a body: as a map (OpenVLA), as a text with the map's JSON (X-VLA), or as a list of numbers,
+"""Encoding of arrays in a body: as a map (OpenVLA), as a string with the map's JSON (X-VLA), or as a list of numbers,
 with images as base64-encoded PNG files (Dexbotic).
 """
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
-    """Encode a value made of maps, lists, texts, numbers, None and NumPy number arrays as a body.
+    """Encode a value made of maps, lists, strings, numbers, None and NumPy number arrays as a body.
 
-    With ``encoded``, the body has a single key ``encoded`` with the JSON as a string, which some servers need for
-    arrays. Raises InvalidInputError for values of other types.
+    With ``encoded``, the body is a map with the single key ``encoded`` and the JSON as a string; some servers need this
+    for arrays. Raises InvalidInputError for values of other types.
     """
 
     def mark(thing: object) -> object:
@@ -60,7 +60,7 @@ def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
     """
     try:
         if len(data) > MAX_BODY_BYTES:
-            raise ValueError(f"it has more than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
+            raise ValueError(f"it is larger than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
         value = json.loads(data, object_pairs_hook=_read_map)
         if isinstance(value, str) and value[:1] in ("{", "["):
             value = json.loads(value, object_pairs_hook=_read_map)
@@ -77,5 +77,5 @@ def _read_map(pairs: list[tuple[str, Any]]) -> object:
         return form
     data = form["__numpy__"]
     if not isinstance(data, str):
-        raise TypeError(f"the data of an array are a {type(data).__name__}")
+        raise TypeError(f"expected array data as a base64 string, got {type(data).__name__}")
     return read_array(base64.b64decode(data, validate=True), form.get("dtype"), form.get("shape"), texts=False)

@@ -1,9 +1,9 @@
 """Reader of payloads written by torch, which runs no code in them.
 
 Being-H servers write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code named by
-the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. The list of allowed
-functions has stand-ins from this module instead of NumPy's constructors; they only store the arguments. Arrays are then
-built from plain bytes, with the same checks as in every other protocol.
+the sender. Here, ``torch.load(weights_only=True)`` reads answers and calls only allowed functions. In the list
+of allowed functions, NumPy's constructors are replaced by functions of this module that only store their arguments.
+Arrays are then built from plain bytes, with the same checks as in every other protocol.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Stand-in for numpy.dtype: the text of a type, and its byte order."""
+    """Stand-in for numpy.dtype: the type string, and its byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -60,15 +60,15 @@ class _Array:
 
     def array(self) -> np.ndarray:
         if not isinstance(self.state, tuple) or len(self.state) != 5:
-            raise ValueError("an array has an invalid state")
+            raise ValueError("the state of an array must be a tuple of 5 elements")
         _, shape, kind, fortran, data = self.state
         if not isinstance(kind, _Kind) or not isinstance(data, bytes) or not isinstance(shape, tuple):
-            raise TypeError("an array is not made of a type, a shape and bytes")
+            raise TypeError("expected the type, shape and bytes of an array")
         if len(shape) > 16 or not all(type(n) is int and 0 <= n < 2**40 for n in shape):
-            raise ValueError(f"an array has the shape {str(shape)[:40]}")
+            raise ValueError(f"the shape of an array is invalid: {str(shape)[:40]}")
         dtype = kind.dtype()
         if math.prod(shape) * dtype.itemsize != len(data):
-            raise ValueError(f"an array of {dtype} and shape {shape} does not take {len(data)} bytes")
+            raise ValueError(f"{len(data)} bytes do not match an array of type {dtype} and shape {shape}")
         if 0 in shape:
             return np.zeros(shape, dtype.newbyteorder("="))
         if dtype.kind == "b":
@@ -86,10 +86,10 @@ class _Scalar:
 
     def number(self) -> float | int | bool:
         if not isinstance(self.kind, _Kind) or not isinstance(self.data, bytes):
-            raise TypeError("a number is not made of a type and bytes")
+            raise TypeError("expected the type and bytes of a number")
         dtype = self.kind.dtype()
         if dtype.itemsize != len(self.data):
-            raise ValueError(f"a number of {dtype} does not take {len(self.data)} bytes")
+            raise ValueError(f"{len(self.data)} bytes do not match a number of type {dtype}")
         return np.frombuffer(self.data, dtype)[0].item()  # type: ignore[no-any-return]
 
 
@@ -147,7 +147,7 @@ def write_torch(value: object) -> bytes:
 
 
 def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
-    """Return the content of a torch file, limited to maps with text keys, lists, texts, numbers and NumPy arrays.
+    """Return the content of a torch file, limited to maps with string keys, lists, strings, numbers and NumPy arrays.
 
     Raises MissingDependencyError without torch, and PolicyError if the file is malformed, too large or contains a call.
     """
@@ -158,8 +158,8 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
             loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
         return _Reader(torch).plain(loaded)
     except Exception as error:
-        # Any error of torch's reader is due to the sender's bytes. torch's message is not shown, because it begins with
-        # the advice to unpickle anyway.
+        # Any error of torch's reader is caused by the received bytes. Its full message is not shown, because it begins
+        # with the advice to unpickle anyway.
         problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
         named = re.search(r"GLOBAL ([\w.]+)", problem)
         reason = f"it would call {named.group(1)}, which is not allowed" if named else problem[:200]
@@ -174,9 +174,9 @@ def _survey(data: bytes) -> None:
     Compressed entries are rejected, to keep the archive from growing in memory.
     """
     if len(data) > MAX_FRAME_BYTES:
-        raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
+        raise ValueError(f"it is larger than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):
-        raise ValueError("it is not an archive as torch has written since version 1.6")
+        raise ValueError("it is not a zip archive written by torch 1.6 or newer")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = archive.infolist()
         if any(e.compress_type != zipfile.ZIP_STORED or e.file_size != e.compress_size for e in entries):
@@ -189,7 +189,7 @@ def _survey(data: bytes) -> None:
 
 
 class _Reader:
-    """Conversion of a payload into plain values with a limit on their number, because references allow very many."""
+    """Conversion of a payload into plain values. Their number is limited, because references can repeat values."""
 
     def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module
         self._torch = torch
@@ -215,7 +215,7 @@ class _Reader:
             return self._counted(thing.array())
         if type(thing) is self._torch.Tensor:
             return self._tensor(thing)
-        raise ValueError(f"it holds a {type(thing).__name__}")
+        raise ValueError(f"it contains a {type(thing).__name__}")
 
     def _tensor(self, tensor: Any) -> np.ndarray:  # noqa: ANN401 - a torch tensor
         torch = self._torch

@@ -1,4 +1,4 @@
-"""A websocket as a channel: complete messages with deadlines, and the library's errors as OSError."""
+"""Websocket connection that sends and receives complete messages with deadlines and raises OSError on failure."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class WebSocket:
 
         def cut() -> None:
             late.set()
-            # Not the method of an encrypted socket, which would wait for the peer.
+            # Shut down the plain socket: the method of an encrypted socket would wait for the peer.
             with contextlib.suppress(OSError):
                 socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)
 
@@ -171,8 +171,8 @@ class WebSocket:
                     else f" If it needs no key, it does not serve {self._path}: correct the path."
                 )
                 return HandshakeError(
-                    f"{self._where} refuses this client (HTTP {status}). "
-                    f"Give api_key_env=NAME with the variable that holds its key.{other}"
+                    f"{self._where} rejects this client (HTTP {status}). "
+                    f"Give api_key_env=NAME with the environment variable that contains the key.{other}"
                 )
             if status in _ABSENT:
                 return HandshakeError(
@@ -186,8 +186,8 @@ class WebSocket:
                 )
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
-            return HandshakeError(f"{self._where} is not an address of a websocket ({error}).")
-        # a server that sends data before the handshake can trigger an assertion in the library
+            return HandshakeError(f"{self._where} is not a websocket address ({error}).")
+        # if a server sends data before the handshake, an assertion in the library may fail
         return ConnectionError(f"the server there is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:

@@ -1,9 +1,9 @@
 """Wire formats: bytes to values and back, for the msgpack variants of policy servers.
 
-All variants send maps of texts, numbers and arrays; they mark arrays differently: as in openpi's client, as in
+All variants send maps of strings, numbers and arrays, but mark arrays differently: as in openpi's client, as in
 vla-evaluation-harness, as a .npy file (GR00T to N1.6), or as in the package msgpack-numpy (the ``nd`` variant, used by
 GR00T N1.7 and some servers with openpi's protocol). Frames are untrusted: any byte string gives a value or a
-:class:`PolicyError`, never another error, and takes at most a few times its size in memory. A scan before decoding
+:class:`PolicyError` (no other error), and takes at most a few times its size in memory. A scan before decoding
 bounds depth and number of values. Arrays must have exactly the number of bytes that their type and shape require.
 Images are bounded before decompression.
 """
@@ -134,7 +134,7 @@ def _read_openpi(form: dict[Any, Any]) -> object:
         value = form.get(b"data")
         dtype = _dtype(form.get(b"dtype"))
         if not isinstance(value, (bool, int, float, str, bytes)):
-            raise ValueError(f"a scalar is a {type(value).__name__}")
+            raise ValueError(f"expected a number or string as scalar, got {type(value).__name__}")
         with np.errstate(over="ignore"):  # a number too large for its type becomes infinite and is rejected later
             return dtype.type(value)
     return _read_nd(form) if _is_nd(form) else form
@@ -152,12 +152,12 @@ def _mark_nd(thing: object) -> object:
 
 
 def _is_nd(form: Mapping[Any, Any]) -> bool:
-    """Return whether a map is an array or a number; with text keys it may also be an ordinary map."""
+    """Return whether a map is an array or a number; with string keys it may also be an ordinary map."""
     return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
 
 
 def _read_nd(form: Mapping[Any, Any]) -> object:
-    """Read an array or a number in the format of msgpack-numpy, whose keys may have become texts.
+    """Read an array or a number in the format of msgpack-numpy, whose keys may have become strings.
 
     The kind of an array is empty in msgpack-numpy. Other implementations repeat the letter of the type.
     """
@@ -168,10 +168,10 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
         pickled = ": it contains pickles, and unpickling untrusted data can run code"
         raise ValueError(f"an array has the kind {str(kind)[:20]}, not plain numbers{pickled if letter == 'O' else ''}")
     if not isinstance(whole["nd"], bool):
-        raise TypeError(f"the mark nd of an array is a {type(whole['nd']).__name__}")
+        raise TypeError(f"expected a boolean as the array's nd, got {type(whole['nd']).__name__}")
     array = read_array(whole["data"], whole["type"], whole["shape"] if whole["nd"] else ())
     if letter not in ("", array.dtype.kind):
-        raise ValueError(f"an array of the type {array.dtype.str} has the kind {letter}")
+        raise ValueError(f"an array of type {array.dtype.str} is declared as kind {letter!r}")
     return array if whole["nd"] else array[()]
 
 
@@ -179,7 +179,7 @@ def _read_nd(form: Mapping[Any, Any]) -> object:
 
 
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
-    """Encode a value as a frame in the vla-evaluation-harness dialect, which has no text arrays.
+    """Encode a value as a frame in the vla-evaluation-harness dialect, which does not support string arrays.
 
     ``images`` selects the encoding of uint8 arrays with shape (height, width, 3 or 4). Raises the errors of
     :func:`encode_openpi`.
@@ -246,16 +246,18 @@ def _file_of(image: np.ndarray, coding: str, **options: int) -> bytes:
 def _image(form: dict[Any, Any]) -> np.ndarray:
     data, coding, shape = form.get("data"), form.get("format"), _shape(form.get("shape"))
     if coding not in ("png", "jpeg") or not isinstance(data, bytes):
-        raise ValueError(f"an image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
+        raise ValueError(f"expected an image as png or jpeg bytes, got {str(coding)[:20]!r} as {type(data).__name__}")
     if len(shape) != 3 or shape[2] not in (1, 3, 4) or not 0 < shape[0] * shape[1] <= MAX_PIXELS:
-        raise ValueError(f"an image has the shape {shape}")
+        raise ValueError(f"expected an image of shape (height, width, 1, 3 or 4), got {shape}")
     from PIL import Image  # noqa: PLC0415 - see _file_of
 
     try:
         with Image.open(io.BytesIO(data), formats=[coding.upper()]) as image:
             expected = {1: "L", 3: "RGB", 4: "RGBA"}[shape[2]]
             if image.size != (shape[1], shape[0]) or image.mode != expected:
-                raise ValueError(f"an image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
+                raise ValueError(
+                    f"an image is declared as {shape}, but its file is {image.size[::-1]} in mode {image.mode}"
+                )
             array = np.asarray(image).reshape(shape)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as bomb:
         raise ValueError(str(bomb)) from bomb
@@ -300,15 +302,15 @@ def _read_gr00t(form: dict[Any, Any]) -> object:
 def _npy(data: object) -> np.ndarray:
     """Read the bytes of a .npy file as NumPy writes it, without unpickling and without evaluating its header."""
     if not isinstance(data, bytes):
-        raise TypeError(f"the bytes of an array are a {type(data).__name__}")
+        raise TypeError(f"expected a .npy file as bytes, got {type(data).__name__}")
     width = {b"\x93NUMPY\x01\x00": 2, b"\x93NUMPY\x02\x00": 4}.get(data[:8])
     if width is None:
-        raise ValueError("an array does not begin as a .npy file of version 1 or 2")
+        raise ValueError("an array is not a .npy file of version 1 or 2")
     begin = 8 + width
     end = begin + int.from_bytes(data[8:begin], "little")
     found = _NPY_HEADER.fullmatch(data[begin:end]) if end - begin <= _MAX_NPY_HEADER else None
     if found is None:
-        raise ValueError("the header of an array is not as NumPy writes it")
+        raise ValueError("the header of a .npy file is not in NumPy's own format")
     dtype, fortran, sides = (part.decode("ascii") for part in found.groups())
     shape = tuple(int(side) for side in sides.split(",") if side.strip())
     array = read_array(data[end:], dtype, shape[::-1] if fortran == "True" else shape)
@@ -321,16 +323,16 @@ def _modality(form: object) -> ModalityConfig:
             raise ValueError("a modality config is too long")
         form = json.loads(form, object_pairs_hook=unique_keys)
     if not isinstance(form, Mapping):
-        raise TypeError(f"a modality config is a {type(form).__name__}")
+        raise TypeError(f"expected a modality config as a map, got {type(form).__name__}")
     steps, keys = form.get("delta_indices"), form.get("modality_keys")
     if not isinstance(steps, (list, tuple)) or not all(isinstance(s, int) and abs(s) < 10_000 for s in steps):
-        raise ValueError("a modality config has no list of integers as delta_indices")
+        raise ValueError("delta_indices of a modality config must be a list of integers")
     if not isinstance(keys, (list, tuple)) or not all(isinstance(k, str) for k in keys):
-        raise ValueError("a modality config has no list of strings as modality_keys")
+        raise ValueError("modality_keys of a modality config must be a list of strings")
     return ModalityConfig(tuple(int(s) for s in steps), tuple(keys))
 
 
-# ---------------------------------------------------------------------------------------------- what they all share
+# ----------------------------------------------------------------------------------------------------- common parts
 
 
 def _encode(value: object, mark: Callable[[object], object]) -> bytes:
@@ -357,7 +359,7 @@ def _plain(array: np.ndarray, *, texts: bool = True) -> np.ndarray:
 def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object]) -> object:
     try:
         _survey(data)
-        # Map keys must be str or bytes: no other keys are needed, and integer keys chosen to have the same hash would
+        # Map keys must be str or bytes: other keys are not needed, and integer keys chosen to have the same hash would
         # make building the dict quadratic.
         return msgpack.unpackb(
             data,
@@ -406,7 +408,7 @@ def _survey(data: bytes) -> None:
     """
     at, values, end = 0, 0, len(data)
     if end > MAX_FRAME_BYTES:
-        raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
+        raise ValueError(f"it is larger than {MAX_FRAME_BYTES} bytes")
     left = [1]  # remaining values on each level
     while left:
         if left[-1] == 0:
@@ -469,13 +471,13 @@ def read_array(data: object, dtype_text: object, given_shape: object, *, texts: 
     """Return an array from bytes, NumPy type string and shape: read-only, in native byte order.
 
     Raises ValueError or TypeError if bytes, type and shape do not match, or if the type is not allowed: only plain
-    numbers and, with ``texts``, texts are.
+    numbers and, with ``texts``, strings are.
     """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):
-        raise TypeError(f"the data of an array are a {type(data).__name__}")
+        raise TypeError(f"expected array data as bytes, got {type(data).__name__}")
     if dtype.itemsize == 0 or math.prod(shape) * dtype.itemsize != len(data):
-        raise ValueError(f"an array of {dtype.str} and shape {shape} does not take {len(data)} bytes")
+        raise ValueError(f"{len(data)} bytes do not match an array of type {dtype.str} and shape {shape}")
     if 0 in shape:
         return _frozen(np.zeros(shape, dtype.newbyteorder("=")))
     if dtype.kind == "b":

@@ -1,7 +1,7 @@
-"""Access control for local servers, which admits programs and the server's own pages but not pages from other sites.
+"""Access control for local servers: programs and the server's own pages may connect, pages of other sites may not.
 
 It is needed because a browser lets any page connect to this machine. The browser sends the page's site (``Origin``) and
-the host name used for the server (``Host``), which reveals a foreign site name that resolves to this machine.
+the host name of the server (``Host``), which differs from this machine's names if a foreign name resolves to it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Memory budget for a server, covering all its clients' unfinished and unanswered messages.
 
 A websocket library keeps the received part of a message until the message is complete. The largest message bounds each
-connection; this budget bounds all connections together. A connection that would exceed the budget waits, and the
-network accepts no more data from its peer. The connection whose message began first never waits, so at least one
+connection; this budget bounds all connections together. A connection that would exceed the budget waits, which stops
+its peer from sending more data. The connection whose message began first never waits, so at least one
 message is always completed. While others wait, connections that do not finish a message in time are dropped.
 """
 

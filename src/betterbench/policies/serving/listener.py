@@ -111,7 +111,7 @@ def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget
                 "--port", f"{port} is in use on {host}", "Give another port, or 0 for any free port"
             ) from None
         if problem.errno == errno.EACCES:
-            raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None
+            raise InvalidInputError("--port", f"no permission to use port {port}", "Give a port above 1023") from None
         raise InvalidInputError(
             "--host",
             f"{host!r} is not an interface of this machine ({problem.strerror})",

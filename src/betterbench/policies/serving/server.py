@@ -102,7 +102,7 @@ class PolicyServer:
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
         self._open: set[ServerConnection] = set()
-        # Threads outlast their connections: they close the session and log that the client left.
+        # Threads run longer than their connections: afterwards they close the session and log that the client left.
         self._talking: set[threading.Thread] = set()
         self._silent_since: dict[ServerConnection, float] = {}
         self._thread: threading.Thread | None = None
@@ -113,7 +113,7 @@ class PolicyServer:
             max_size=MAX_REQUEST_BYTES,
             max_queue=_QUEUED,
             process_request=self._admit,
-            # a client that simulates for a minute between two requests may not answer pings
+            # no pings: a client that simulates for a minute between two requests may not answer them
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
             logger=quiet_logger(),
@@ -178,9 +178,9 @@ class PolicyServer:
             return connection.respond(http.HTTPStatus.OK, "OK\n")
         # a browser lets any page open a websocket to this machine, and sends the origin of the page
         if not set(request.headers.get_all("Origin")) <= self._own_origins:
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is not for pages of other sites.\n")
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "Pages of other sites may not use this server.\n")
         if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is for clients of its own machine.\n")
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "Only clients on this machine may use this server.\n")
         if self._api_key is not None:
             shown = request.headers.get("Authorization", "")
             if not hmac.compare_digest(shown.encode(), f"Api-Key {self._api_key}".encode()):
@@ -208,7 +208,7 @@ class PolicyServer:
             longest = min(self._silent_since, key=self._silent_since.__getitem__)
             if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
                 return False
-            # the mark keeps other new clients from closing the connection again, and stops its thread, which a frame
+            # The mark prevents other new clients from closing the connection again, and stops its thread, which a frame
             # may have woken
             del self._silent_since[longest]
         logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
@@ -284,11 +284,13 @@ class PolicyServer:
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
         """Return the reply to a frame; raise InvalidInputError unless the frame is a request."""
         if isinstance(frame, str):
-            raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
+            raise InvalidInputError(
+                "the request", "expected a binary frame, got text", "Send one binary msgpack map per observation"
+            )
         request = decode_openpi(frame)
         if not isinstance(request, dict):
             raise InvalidInputError(
-                "the request", f"it is a {type(request).__name__}", "Send a map, as openpi's client"
+                "the request", f"expected a map, got {type(request).__name__}", "Send a map, as openpi's client does"
             )
         return dict(session.answer(request))
 

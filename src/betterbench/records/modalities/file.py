@@ -130,7 +130,7 @@ class ModalityWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError, pa.ArrowException, ValueError):  # a full disk was reported before
+        with contextlib.suppress(OSError, pa.ArrowException, ValueError):  # a full disk was already reported
             self._writer.close()
         self._file.__exit__(kind, error, trace)
 
@@ -287,7 +287,7 @@ class ModalityFile:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)
         if not isinstance(raw, bytes) or len(raw) > _MAX_HEADER_BYTES:
             raise RecordError(
-                f"{self.path}: is a Parquet file without modalities. Choose a file of better materialize."
+                f"{self.path}: is a Parquet file without modalities. Choose a file written by better materialize."
             )
         return read_form(HEADER, raw, where=str(self.path), cure=AGAIN, raises=RecordError)
 
@@ -316,6 +316,6 @@ def _reading(path: Path) -> Iterator[None]:
         raise
     except FileNotFoundError:
         raise RecordError(f"{path}: the file does not exist. Run better materialize for the trial.") from None
-    except Exception as error:  # native code may raise anything for a damaged file
+    except Exception as error:  # native code may raise any exception for a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(f"{path}: is damaged ({said}). {AGAIN}.") from error

@@ -74,7 +74,7 @@ class ViewHeader:
         """Raise InvalidInputError for repeated or misordered modalities."""
         if list(self.modalities) != [name for name in MODALITIES if name in self.modalities] or not self.modalities:
             raise InvalidInputError(
-                "modalities", "are missing, repeated or in the wrong order", "Materialize the trial again"
+                "modalities", "expected each modality at most once and in column order", "Materialize the trial again"
             )
 
     @property

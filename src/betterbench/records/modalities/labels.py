@@ -49,14 +49,14 @@ def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
     """Return the semantic ids of the listed categories and of further categories, in id order.
 
     Raises:
-        InvalidInputError: If two categories have the same id, which has odds of 1 in 64512 for two user-defined ones.
+        InvalidInputError: If two categories have the same id (probability 1/64512 for two user-defined categories).
     """
     names: dict[int, str] = {}
     for category in (*SEMANTIC_IDS, *categories):
         other = names.setdefault(semantic_id(category), category)
         if other != category:
             problem = f"has the semantic id of {other!r}"
-            raise InvalidInputError(f"category {category!r}", problem, "Give one of the two another name")
+            raise InvalidInputError(f"category {category!r}", problem, "Rename one of the two")
     return {names[number]: number for number in sorted(names)}
 
 

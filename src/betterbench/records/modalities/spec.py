@@ -35,8 +35,8 @@ class PlacedCamera:
 
     Attributes:
         position: Position in the world frame [m].
-        target: Point that the camera looks at, in the world frame [m]. World up is up in the image; if the camera looks
-            straight down, +x is.
+        target: Point that the camera looks at, in the world frame [m]. The up direction in the image is
+            world +z, or +x if the camera looks straight down.
         fovy_deg: Vertical field of view [degree].
     """
 
@@ -48,7 +48,7 @@ class PlacedCamera:
         """Raise InvalidInputError for a camera without a direction or with an invalid field of view."""
         if not all(map(math.isfinite, (*self.position, *self.target))) or distance(self.position, self.target) < 1e-6:
             raise InvalidInputError(
-                "camera", "has its target at its position", "Give a position and another point to look at"
+                "camera", "position and target are the same point", "Give a target that differs from the position"
             )
         if not 1.0 <= self.fovy_deg <= 170.0:
             raise InvalidInputError("camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give 1 to 170")
@@ -133,5 +133,5 @@ def require_views(views: Sequence[ViewSpec]) -> None:
     names = [view.name for view in views]
     twice = sorted({name for name in names if names.count(name) > 1})
     if not views or twice:
-        problem = f"{twice[0]!r} comes twice" if twice else "no view"
+        problem = f"{twice[0]!r} is given twice" if twice else "no view is given"
         raise InvalidInputError("--camera", problem, "Give each view once")

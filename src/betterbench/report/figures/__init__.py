@@ -1,1 +1,1 @@
-"""Report figures: charts, films, film images and the trial player."""
+"""Report figures: charts, videos, video frames and the trial player."""

@@ -23,7 +23,7 @@ _CHARACTER_PX = 6.3
 """Width of a character in a 12 px sans serif font [px], rounded up so that fitted texts never overflow."""
 
 _LEAST_NAME_PX, _MOST_NAME_PX, _LEAST_BAR_PX = 80.0, 210.0, 150.0
-"""Limits of the width for names, and the minimum length of the scale, in a wide drawing [px]."""
+"""Minimum and maximum width of the names, and minimum length of the scale, in a wide drawing [px]."""
 
 PATTERNS: dict[str, str] = {
     "right": "",
@@ -62,7 +62,7 @@ class Bar:
 
     Attributes:
         name: Text on the left ("training", or a policy).
-        figure: The number; without one, the row shows a note instead of a bar.
+        figure: The number; if it has no value, the row shows a note instead of a bar.
         style: Class of the bar: "training", "variation", "reasoning", "execution", "system"; "dot" draws a point.
     """
 
@@ -190,7 +190,7 @@ def _margins(chart: Chart) -> tuple[float, float]:
 
 
 class _Pen:
-    """Lays out one drawing from top to bottom."""
+    """Layout of one drawing from top to bottom."""
 
     def __init__(self, name: str, width: int, *, narrow: bool) -> None:
         self.name = name

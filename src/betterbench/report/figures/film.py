@@ -1,4 +1,4 @@
-"""Films: a few frames of a trial and its training twin, rendered elsewhere, to be shown next to the evidence."""
+"""Films: a few frames of a trial and its training twin, which the report shows next to the evidence."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Frame:
 
     def __post_init__(self) -> None:
         if not any(self.image.startswith(signature) for signature in _SIGNATURES):
-            raise InvalidInputError("image", "neither a JPEG nor a PNG file", "Encode the frame as JPEG or PNG")
+            raise InvalidInputError("image", "expected a JPEG or PNG file", "Encode the frame as JPEG or PNG")
         if not (math.isfinite(self.time_s) and self.time_s >= 0.0):
-            raise InvalidInputError("time_s", f"{self.time_s!r} is not a time of an episode", "Give a time ≥ 0 s")
+            raise InvalidInputError("time_s", f"{self.time_s!r} is not a valid time", "Give a time ≥ 0 s")
 
     @property
     def media_type(self) -> str:
@@ -95,13 +95,13 @@ class Showing:
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
     """Return at most ``limit`` representative trials with the times to render, the most informative first.
 
-    Every kind of failure of every variation is shown once before any is shown twice. Each pair of variation and label
-    is represented by the trial whose evidence is at the median time, preferably a trial whose twin succeeded. With
-    ``repeats``, the other trials of the pairs follow. Reasoning failures come first, then execution failures, then
+    Every kind of failure of every variation is shown once before a second example of any kind. Each pair of variation
+    and label is represented by the trial whose evidence is at the median time, preferably a trial whose twin succeeded.
+    With ``repeats``, the other trials of the pairs follow. Reasoning failures come first, then execution failures, then
     solved trials; within each group, the most frequent pairs come first. Trials without a record are left out.
     """
     if limit < 0:
-        raise InvalidInputError("limit", f"{limit} is not a valid number of trials", "Give 0 or more")
+        raise InvalidInputError("limit", f"{limit} is negative", "Give 0 or more")
     by_key = {trial.key: trial for trial in diagnosis.trials if trial.record is not None}
     groups: dict[tuple[str, str, str], list[TrialDiagnosis]] = defaultdict(list)
     for trial in by_key.values():
@@ -115,7 +115,7 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool =
 
 
 def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
-    """Return every failed variation trial with a record, for start images with the path."""
+    """Return every failed variation trial with a record; the report shows their initial image with the path."""
     varied = [t for t in diagnosis.counted_trials if t.variation is not None and t.record is not None]
     return [t for t in varied if not t.success]
 
@@ -157,8 +157,8 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
     """Return the span in a twin that corresponds to a trial's evidence, its duration, and the caption.
 
-    The span is the twin's grasp of the object that the trial should have attempted. Without such a grasp, it is the
-    grasp with the same number, counted in attempted objects.
+    The span is the twin's grasp of the object that the trial should have attempted. If there is no such grasp, it is
+    the grasp of the n-th attempted object, where the trial's evidence is about its n-th attempted object.
     """
     if not twin.attempts:
         return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"

@@ -1,4 +1,4 @@
-"""Media of a report: films, start images with paths, thumbnails, and commands that replay a trial."""
+"""Media of a report: films, initial images with paths, thumbnails, and commands that replay a trial."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and commands by name; the page omits missing ones.
+    """Images, and folders for commands, by name. The page omits missing entries.
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.
-        paths: Start images with the end effector's path (JPEG), by the same keys.
+        paths: Images of the initial state with the end effector's path (JPEG), by the same keys.
         thumbnails: Scenes by variation ("fast_food/T1").
         folders: Run folder by policy, as given by the caller, for commands.
         options: Further options of these commands (" --task-file mine.py").

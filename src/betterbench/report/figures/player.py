@@ -1,4 +1,4 @@
-"""Player: page for one trial with film, masks, boxes, subgoals and contacts on one timeline."""
+"""Player: page for one trial with video, masks, boxes, subgoals and contacts on one timeline."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class PlayedTrial:
 
     Attributes:
         heading: Trial name ("fast_food/T1/3").
-        ended: Trial outcome, as a phrase.
+        ended: Outcome of the trial as text.
         times_s: Time of each frame [s].
         objects: Names of the objects, with their colors as (red, green, blue).
     """

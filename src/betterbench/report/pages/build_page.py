@@ -46,7 +46,7 @@ def write_build_page(
 
 
 def powerless_of(task: str, power: PowerMatrix | None) -> Sequence[str]:
-    """Return the variations of a task that every rule of a power matrix solves."""
+    """Return the variations of a task that every faulty rule of a power matrix solves."""
     if power is None:
         return ()
     return [name for owner, name in power.variations if owner == task and power.control((owner, name))]

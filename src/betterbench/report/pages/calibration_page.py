@@ -1,4 +1,4 @@
-"""Calibration page: the confusion matrix as image and table, every mistake, and the results of blind policies."""
+"""Calibration page: the confusion matrix as image and table, every wrong label, and the results of blind policies."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def write_calibration_page(
     """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
 
     With a power matrix, the page also shows which variations can be solved without vision or instruction; otherwise it
-    names the ``cure``. ``strips`` are film strips (JPEG) of trials with a wrong label, by policy and trial.
+    shows the ``cure``, a command that measures it. ``strips`` are film strips (JPEG) of trials with a wrong label, by
+    policy and trial.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
@@ -93,7 +94,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
         axes.set_xlabel("label given by the diagnosis")
         axes.set_ylabel("true label")
         for before, after, at in zip(labels, labels[1:], range(n), strict=False):
-            if before.kind is not after.kind:  # a line between the kinds
+            if before.kind is not after.kind:  # separate the failure kinds by a line
                 axes.axhline(at + 0.5, color="#777777", linewidth=0.8)
                 axes.axvline(at + 0.5, color="#777777", linewidth=0.8)
         axes.set_title(f"{calibration.overall.k} of {calibration.overall.n} trials get their true label", loc="left")

@@ -30,7 +30,7 @@ class CellPicture:
 
     Attributes:
         frame: The picture: the main frame of a film, or the scene at reset.
-        text: Description of the picture for readers who do not see it.
+        text: Alternative text of the picture.
         film: Number of the film on the page, or None for a scene.
     """
 

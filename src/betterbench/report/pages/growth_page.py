@@ -21,10 +21,10 @@ class Bar:
 
     Attributes:
         value: The value.
-        amount: Amount in words.
+        amount: Amount as text.
         percent: Length of the bar, of all tasks or variations [%].
-        least: Position of the least amount of its quota [%], None without a quota.
-        most: Position of the largest amount [%], None without one.
+        least: Position of the quota's minimum [%], None without a quota.
+        most: Position of the quota's maximum [%], None without a maximum.
         is_open: Whether its quota is not fulfilled.
     """
 
@@ -38,10 +38,10 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class RefusalGroup:
-    """Refused scenarios with the same finding on the first attempt.
+    """Rejected scenarios whose first attempt failed for the same reason.
 
     Attributes:
-        title: The finding.
+        title: The reason.
         results: The scenarios.
     """
 
@@ -136,7 +136,7 @@ def bars_of(growth: Growth) -> dict[str, list[Bar]]:
 
 
 def refusal_groups(refused: Sequence[Result]) -> list[RefusalGroup]:
-    """Return the refused scenarios by the first failed clause of their first attempt, the largest group first."""
+    """Return the rejected scenarios by the first failed clause of their first attempt, the largest group first."""
     groups: dict[str, list[Result]] = {}
     for result in refused:
         groups.setdefault(_finding(result), []).append(result)

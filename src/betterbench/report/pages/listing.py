@@ -16,7 +16,7 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 
 
 class StringTable:
-    """Table of texts by index, so that each text occurs only once on a page; None has the index −1."""
+    """Table of strings by index, so that each string occurs only once on a page; None has the index −1."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []

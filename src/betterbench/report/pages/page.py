@@ -1,4 +1,4 @@
-"""The report page: one self-contained HTML file that opens offline, with its tables inside it and next to it."""
+"""The report page: one self-contained HTML file that works offline; its tables are also separate files."""
 
 from __future__ import annotations
 
@@ -119,11 +119,11 @@ def write_report(
     """
     names = [diagnosis.policy for diagnosis in diagnoses]
     if not diagnoses:
-        raise InvalidInputError("diagnoses", "no run to report", "Give the diagnosis of at least one run")
+        raise InvalidInputError("diagnoses", "no diagnosis is given", "Give the diagnosis of at least one run")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         problem = f"policy {twice[0]!r} occurs twice"
-        raise InvalidInputError("diagnoses", problem, "Give each run's diagnosis its own policy name")
+        raise InvalidInputError("diagnoses", problem, "Give each diagnosis a different policy name")
     shown = _shown_films(diagnoses, media.films if films is None else films)
     tables = (coffee_table(diagnoses), composition_table(diagnoses))
     exports = exports_of(diagnoses, tables)
@@ -226,7 +226,7 @@ def _style_and_script() -> dict[str, str]:
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
     """Return the diagnostic matrices with results, the short horizon first, and a sentence on each empty matrix.
 
-    Runs in LIBERO have no matrices, because the matrices are about betterbench's own tasks.
+    Runs in other worlds have no matrices, because the matrices are defined for betterbench's own tasks.
     """
     if all(map(is_abroad, diagnoses)):
         return [], []
@@ -251,7 +251,7 @@ def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -
         trial = trials.get((film.policy, film.trial))
         if trial is None:
             problem = f"no trial {film.trial!r} of policy {film.policy!r} in this report"
-            raise InvalidInputError("films", problem, "Give films of trials that are in the diagnoses")
+            raise InvalidInputError("films", problem, "Give only films of trials in the diagnoses")
         if film.frames:
             shown.append(ShownFilm(len(shown), film, trial))
     solved = sorted(shown, key=lambda s: s.trial.kind is Kind.NONE)
@@ -304,7 +304,7 @@ def _training_title(headlines: Sequence[Headline]) -> str:
 
 
 def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
-    """Return an explanation if the numbers of training trials differ within the report, else an empty text."""
+    """Return an explanation if the numbers of training trials differ within the report, else an empty string."""
     all_of, twins_of = [], []
     for diagnosis, headline in zip(diagnoses, headlines, strict=True):
         twins = twin_figure(diagnosis, "overall")

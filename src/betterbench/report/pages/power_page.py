@@ -1,4 +1,4 @@
-"""Power matrix page: each pretender's success rates, and variations that can be solved blind."""
+"""Power matrix page: success rates of each pretender, and variations that can be solved without observations."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
 
 
 def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
-    """Return the variations that can be solved blind, before and after the correction."""
+    """Return sentences on the variations that can be solved blind, before and after the correction."""
     said = []
     for mark, chosen in (
         (f"after Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),

@@ -1,4 +1,4 @@
-"""Section on pretenders: scores of each policy next to those of policies that lack the tested abilities."""
+"""Report section on pretenders: success rates of each policy and of policies that lack the tested abilities."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class PretenderView:
 
 
 def pretender_views(diagnoses: Sequence[RunDiagnosis]) -> list[PretenderView]:
-    """Return the section for every policy; without a power matrix it only gives the reason."""
+    """Return the section of every policy; if there is no power matrix, it only contains the reason."""
     return [_view(d.policy, standing_of(d)) for d in diagnoses]
 
 

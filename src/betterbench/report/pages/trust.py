@@ -1,4 +1,4 @@
-"""Section on the trustworthiness of a report: certification of its scenes, and measured accuracy of its diagnosis."""
+"""Report section on its reliability: certification of the scenes, and measured accuracy of the diagnosis."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _blind(ran: set[str]) -> dict[str, str]:
 
 
 def _requires_action(name: str) -> bool:
-    """Return whether a condition, by its name ("fast_food/T1"), is a variation in which something is to be done."""
+    """Return whether a condition, given by name ("fast_food/T1"), is a variation that requires an action."""
     task, _, variation = name.partition("/")
     found = [v for v in get_task(task).variations if v.name == variation]
     return bool(found) and found[0].expected is Expected.SUCCEED

@@ -1,4 +1,4 @@
-"""Cell of a condition in the diagnostic matrices, derived from the objects' initial states."""
+"""Cell of the diagnostic matrices to which a condition belongs, derived from the objects' initial states."""
 
 from __future__ import annotations
 

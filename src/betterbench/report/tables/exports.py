@@ -1,4 +1,4 @@
-"""The tables inside and next to the page: CSV for programs, LaTeX for papers."""
+"""Tables of a report as CSV for programs and LaTeX for papers."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ PAPER: Mapping[Horizon, tuple[tuple[str, ...], ...]] = {
     matrix.horizon: tuple(tuple(cell.paper for cell in matrix.cells if cell.row is row) for row in State)
     for matrix in (SHORT_MATRIX, LONG_MATRIX)
 }
-"""Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. The paper gives no
+"""Outcomes in the paper on the real robot, by row and column in the order of :class:`State`. The paper does not give
 counts."""
 
 NO_TRIALS = Rate(0, 0)
 
 SHOWN = 4
-"""Number of conditions that the note of an empty cell names."""
+"""Maximum number of conditions listed in the note of an empty cell."""
 
 _HEADINGS = {
     Horizon.SHORT: (
@@ -49,7 +49,7 @@ class MatrixSource:
 
     Attributes:
         labels: Labels of its trials with their counts, the most frequent first.
-        needless: Number of its successes that took a needless step.
+        needless: Number of its successes with an unnecessary step.
         twins: Success rate of the training twins of its trials that are in the run.
     """
 
@@ -69,11 +69,11 @@ class Cell:
         sources: The conditions of the cell in the run.
         success: Success rate over all their trials; without trials if there are none.
         labels: Labels of the trials with their counts, the most frequent first.
-        needless: Number of successes that took a needless step, such as an air grasp at an emptied slot.
+        needless: Number of successes with an unnecessary step, such as an air grasp at an emptied slot.
         note: Reason for an empty cell; otherwise an empty text.
         paper: Outcome in the paper, for reference.
-        twins: Success rate of the training twins: the same motions with the same seeds, without the change of the
-            scene. No trials in the cell of the training conditions.
+        twins: Success rate of the training twins, which require the same motions with the same seeds in the unchanged
+            scene. It has no trials in the cell of the training conditions.
     """
 
     row: State
@@ -128,7 +128,7 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    A task's own matrices name the conditions of each cell. Conditions of other tasks are assigned by the initial states
+    A task's own matrices list the conditions of each cell. Conditions of other tasks are assigned by the initial states
     of their objects, not by their names. The cell with all objects on the
     table contains only training conditions; every other cell contains all conditions with these initial states. Trials
     in other worlds are left out.

@@ -99,7 +99,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
     """Yield the expected file for each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
-        with contextlib.suppress(RecordError):  # its files may be intact even if the record is not
+        with contextlib.suppress(RecordError):  # the modality files may be intact even if the record is damaged
             quality = seen_quality(run, run.read_record(entry.task, entry.condition, entry.seed))
     digest = run.record_digest(entry)
     for view in wanted.views:
@@ -118,7 +118,7 @@ def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], fo
             else:
                 found.strangers.append(_origin(file.header))
             if expected is None:
-                text = f"is of {_origin(file.header)}, which is not a recorded trial or not a view of this folder"
+                text = f"belongs to {_origin(file.header)}, which is not a recorded trial or not a view of this folder"
                 return FileProblem(path, text, "extra")
             difference = expected.difference(file.header)
             if difference is not None:

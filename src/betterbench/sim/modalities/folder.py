@@ -65,7 +65,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """Modality folder, which can be resumed with the same settings; others are rejected if it already contains a file.
+    """Modality folder. It can be resumed with the same settings; once it contains a file, other settings are rejected.
 
     Raises:
         RunConflictError: If it contains other modalities, or other files.
@@ -80,7 +80,9 @@ class ModalityFolder:
             if _is_begun(self.path):
                 require_same_settings(self.path, stored, wanted)
                 self.wanted = stored
-            elif stored != wanted:  # settings without files may change: a command may have ended before its first image
+            elif (
+                stored != wanted
+            ):  # settings may change while there are no files, because a command may have ended before its first image
                 write_durably(settings, _text(wanted))
         else:
             require_free_place(self.path)
@@ -140,7 +142,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 def read_settings(path: Path) -> Wanted:
     """Return a modality folder's settings; raise RecordError if it has none, or they are damaged."""
-    cure = "Name a folder written by better materialize"
+    cure = "Give a folder written by better materialize"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)
     form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))

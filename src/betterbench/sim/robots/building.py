@@ -95,8 +95,8 @@ def add_link(
     Args:
         parent: Body to which the link is attached.
         link: Description of the link.
-        name: Body name, if not the link's own.
-        quaternion: Rotation in the parent, if not the link's own.
+        name: Body name; by default, the link's name.
+        quaternion: Rotation in the parent; by default, the link's rotation.
         gravcomp: Share of its weight that the robot's own controller compensates.
     """
     body = parent.add_body(

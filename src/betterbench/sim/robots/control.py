@@ -143,7 +143,7 @@ class ArmController:
             raise InvalidInputError(
                 f"robot {spec.name!r} in the model",
                 str(error.args[0]).splitlines()[0],
-                f"Attach the robot with the prefix {prefix!r} or name the prefix that was used",
+                f"Attach the robot with the prefix {prefix!r}, or give the prefix that was used",
             ) from None
         self._qpos = [int(j.qposadr[0]) for j in joints]
         self._qvel = [int(j.dofadr[0]) for j in joints]
@@ -256,7 +256,7 @@ class ArmController:
         if self._advance not in (ArmController._joint_position, ArmController._scaled_joint_position):
             raise InvalidInputError(
                 "action space",
-                f"planned motions are not expressed in {self.action_space.name!r}",
+                f"planned motions cannot be expressed in {self.action_space.name!r}",
                 "Use ee_delta or a space of absolute joint angles",
             )
         numbers = action.tolist()
@@ -285,7 +285,7 @@ class ArmController:
         """Restore the result of :meth:`state`; raise InvalidInputError if it belongs to another robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
-                "controller state", f"it has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
+                "controller state", f"has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
             )
         self._pose = state.pose
         self._joints = state.joints
@@ -388,7 +388,7 @@ _DRIVEN: dict[str, _Advance] = {
 
 
 def _through_play(goal: Joints, held: Joints, play: Sequence[float]) -> list[float]:
-    """Return the positions to which joints follow their references: those nearest to the present ones within the play.
+    """Return the positions that the servos hold after their references have moved, given the play of the gears.
 
     Args:
         goal: References [rad].

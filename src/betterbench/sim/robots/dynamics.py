@@ -1,12 +1,12 @@
 """Dynamics of a robot that vary by trial: servo gains, friction, rotor inertia and backlash.
 
-A robot whose numbers are borrowed or differ from unit to unit declares a range and a source for each quantity. A trial
-draws one value per joint and applies the values to a copy of the compiled model; a robot without ranges keeps the
-model itself.
+If values are taken from another robot or differ between copies of the robot, the robot declares a range and a source
+for each such quantity. A trial draws one value per joint and applies the values to a copy of the compiled model; a
+robot without ranges keeps the model itself.
 
 **Backlash** is the free play of a joint's gears. It is modeled as a play between the reference of the position servo
 and the position to which the servo holds the joint: the joint follows only after the reference has moved through the
-play, so it ends up to half of the play off, on a side that depends on the direction of the last motion. Dry friction
+play, so its error is up to half of the play, with a sign that depends on the direction of the last motion. Dry friction
 keeps the joint where it stopped; the model leaves out that a load can move it within the play.
 """
 

@@ -6,7 +6,7 @@ are decimated to a fixed triangle budget, distributed by need (:mod:`~betterbenc
 
 The cache file is named after the bytes of the sources, the budget and the recipe. The file is written under another
 name and renamed, so two simultaneous processes both succeed with the same file. The first line is the SHA-256 of the
-name and the rest; a changed or unreadable file is made again.
+name and the rest; a changed or unreadable file is generated again.
 """
 
 from __future__ import annotations
@@ -194,13 +194,13 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
         with open_ordinary(path) as stream:
             seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")
         if seal != content_digest(path.stem, data).encode():
-            _log.warning("The mesh cache %s is damaged or was changed; it is made again.", path)
+            _log.warning("The mesh cache %s is damaged or was changed; it is generated again.", path)
             return None
         return parts_from_bytes(data)
     except FileNotFoundError:
         return None
     except Exception:  # noqa: BLE001 - what reading a damaged archive raises
-        _log.warning("The mesh cache %s cannot be read; it is made again.", path)
+        _log.warning("The mesh cache %s cannot be read; it is generated again.", path)
         return None
 
 

@@ -39,8 +39,8 @@ class CameraMount:
 class IKWeights:
     """Costs of the inverse kinematics relative to a position error of 1 m, and the slack of the tool's rotation.
 
-    An arm with fewer than six joints cannot take every pose: it gets a small cost of rotation, so that positions are
-    exact and rotations as close as the arm can turn, and ``rotation_slack_rad`` says how much of an error is accepted.
+    An arm with fewer than six joints cannot take every pose: its rotation cost is small, so that positions are exact
+    and rotations as close as the arm allows; ``rotation_slack_rad`` is the accepted rotation error.
 
     Attributes:
         orientation: Cost of a rotation error [1/rad].
@@ -68,7 +68,8 @@ class Workspace:
         lift_m: Length of the straight approach to an object and of the first lift.
         retreat_m: Height by which the tool retreats after a release.
         leave_m: Length of the beginning of a path on which contacts are allowed, because its start cannot be chosen.
-        check_step_m: Distance between checked configurations along a path; a finger must not jump over a wall.
+        check_step_m: Distance between checked configurations along a path, small enough that a finger cannot pass
+            through a wall between two of them.
     """
 
     carry_heights_m: tuple[float, ...]
@@ -88,7 +89,7 @@ class SteeringLimits:
         back_m: Distance behind the tool center point, against its approach, of the point whose reach is limited [m]:
             the length of the gripper for an arm that keeps the rotation of its tool, 0 for an arm that tilts it.
         longest_m: Largest distance of that point from the center [m].
-        nearest_m: Smallest horizontal distance of the tool from the center [m]: closer, the arm hits itself.
+        nearest_m: Smallest horizontal distance of the tool from the center [m]; closer, the arm would hit itself.
         highest_m: Largest height of the tool [m].
     """
 
@@ -191,7 +192,7 @@ class RobotSpec:
                 )
         if any(len(offset) != n for offset in self.posture_offsets):
             raise InvalidInputError(
-                f"robot {self.name!r}", "an entry of posture_offsets has another length", f"Give {n} angles in each"
+                f"robot {self.name!r}", "an entry of posture_offsets has the wrong length", f"Give {n} angles in each"
             )
         for joint, low, home, high in zip(
             self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True

@@ -1,6 +1,7 @@
 """Scenes: assets, robot and furniture composed into one compiled MuJoCo model, stepped, rendered and checked.
 
-- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: from a condition and a seed to a model.
+- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: construction of a model from a condition
+  and a seed.
 - ``scene``, ``contacts``, ``clearance``: state, reset and step; contacts, and collision checks for planners.
 - ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images and their
   contents.

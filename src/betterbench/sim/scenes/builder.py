@@ -131,7 +131,9 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
     """Return a drawer's opening at the start [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
-        raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
+        raise InvalidInputError(
+            f"{condition.id} opened[{name!r}]", f"{opening} m is out of range", f"Give 0 to {travel} m"
+        )
     return opening
 
 
@@ -151,7 +153,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
     """Return the center of the surface on which objects rest at a target, in the target's frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
-        problem = f"nothing can rest {relation.name!r} its target from the start"
+        problem = f"no object can start {relation.name!r} its target"
         raise InvalidInputError(f"{task.id} preplace", problem, "Give the relation a surface function")
     return relation.surface({r.name: r for r in target.regions}, region)
 
@@ -193,7 +195,7 @@ def _drawn_together(task: Task, condition: Condition, seed: int, chosen: Mapping
     for place, names in places.items():
         if len(names) < 2:
             continue
-        # Names decide only which of several equal objects takes which pose.
+        # Names only determine how poses are assigned to several equal objects.
         names.sort(key=lambda n: (condition.object(n).kind, n))
         objects = [(condition.object(n).kind, chosen[n].identity) for n in names]
         on, relation = chosen[place.target].identity, task.template.relation

@@ -78,7 +78,7 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return the contacts at these joint angles [rad]: one text "a-b" per pair, empty without contact.
+        """Return the contacts at these joint angles [rad]: one string "a-b" per pair, empty without contact.
 
         ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
         """

@@ -191,7 +191,9 @@ class ContactReader:
         """Return the sleeping objects, from the sleep state of the engine's trees."""
         asleep = self._asleep
         sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
-        picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a slice keeps the row
+        picked = (
+            sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]
+        )  # a slice keeps the result two-dimensional
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:

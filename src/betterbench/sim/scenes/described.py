@@ -14,7 +14,7 @@ class SceneDescription:
     """Scene description: versions, instruction and appearance, with the fields of a record's metadata.
 
     Attributes:
-        instruction: All instructions of the episode, as one text.
+        instruction: All instructions of the episode, as one string.
         render_quality: Name of the render preset, or of another world's renderer; None without images.
         engine: Versions that can change the numbers.
         dynamics: Drawn dynamics of the robot by quantity, one value per joint; empty if they do not vary.

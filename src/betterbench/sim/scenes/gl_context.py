@@ -96,10 +96,10 @@ def make_current() -> None:
         CONTEXT.pid, CONTEXT.thread = os.getpid(), threading.get_ident()
         atexit.register(_free_all)
     if os.getpid() != CONTEXT.pid:
-        raise InvalidInputError("worker process", "it was forked from a process that had rendered", _SPAWN)
+        raise InvalidInputError("worker process", "was forked from a process that had already rendered", _SPAWN)
     if threading.get_ident() != CONTEXT.thread:
         raise InvalidInputError(
-            "renderer", "it is used in a thread other than that of the first renderer", "Render in one thread"
+            "renderer", "is used in a thread other than that of the first renderer", "Render in one thread"
         )
     CONTEXT.gl.make_current()
     if gl_backend() == "egl":

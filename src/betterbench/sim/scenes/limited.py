@@ -1,7 +1,7 @@
 """Rendering of untrusted stored scenes (MuJoCo's binary models) in a separate process with limits.
 
-MuJoCo's reader trusts such files, so a forged file can make it crash, hang or exhaust the memory. The process therefore
-has limits for memory and time, and returns only pixels or a text, never an object.
+MuJoCo does not validate such files, so a forged file can crash or hang the process or exhaust the memory. The process
+therefore has limits for memory and time, and returns only pixels or strings, never Python objects.
 
 A process can also end for other reasons: a renderer crashes, or the system is short of memory. The request during which
 a process ended is therefore repeated once in a new process; it is rejected only if the new process ends too.
@@ -304,7 +304,7 @@ class LimitedView:
     def _refused(self, what: str, whose: str = "Its file") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave films out."
+            f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave out films."
         )
 
 

@@ -154,7 +154,7 @@ class Renderer:
                 uses it.
         """
         if self._context is None:
-            raise InvalidInputError("renderer", "it is closed", "Create a new Renderer")
+            raise InvalidInputError("renderer", "is closed", "Create a new Renderer")
         make_current()
         self._bound = False
         return [self._view(self._context, data, *view, rgb=rgb, depth=depth, masks=masks) for view in views]
@@ -207,7 +207,7 @@ class Renderer:
         It is (height, width) int32. Raises the errors of :meth:`render_views`.
         """
         if self._context is None:
-            raise InvalidInputError("renderer", "it is closed", "Create a new Renderer")
+            raise InvalidInputError("renderer", "is closed", "Create a new Renderer")
         make_current()
         self._bound = False
         self._fit(self._context, width, height)

@@ -196,7 +196,7 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
 
 @functools.lru_cache(maxsize=16)
 def _table_top(surface: str, color: Vector) -> bytes:
-    """Return the pixels of a table top. There are eleven; painting one takes 40 ms, a quarter of building a scene."""
+    """Return the pixels of a table top, cached because painting one takes 40 ms, a quarter of building a scene."""
     return SURFACES[surface](np.asarray(color), _TEXTURE_SIZE).tobytes()
 
 

@@ -65,9 +65,7 @@ class StoredState:
         Raises RecordError if the record belongs to another model.
         """
         if qpos.shape != (self.model.nq,):
-            raise RecordError(
-                f"record: {qpos.shape[0]} positions do not fit a scene of {self.model.nq}; it is a different scene."
-            )
+            raise RecordError(f"record: expected {self.model.nq} positions for this scene, got {qpos.shape[0]}.")
         self.data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)

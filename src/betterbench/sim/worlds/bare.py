@@ -37,7 +37,7 @@ class _Task:
 class BareScene(ABC):
     """Scene whose state is the positions of a hand and objects, and whose goal is a set of named relations.
 
-    A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and names the
+    A subclass sets :attr:`hand` and :attr:`positions` in :meth:`start`, changes them in :meth:`move`, and returns the
     relations of the goal in :meth:`relations`. It may override any other method, such as :meth:`state`.
 
     Attributes:
@@ -152,7 +152,7 @@ class BareScene(ABC):
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
-        """Return no images."""
+        """Return an empty dictionary, because the scene has no images."""
         del spec, renderers
         return {}
 

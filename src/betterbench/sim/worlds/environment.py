@@ -17,7 +17,7 @@ _LEFT_OUT = (
     *("MUJOCO_", "PYOPENGL_", "EGL_VISIBLE_DEVICES", "EGL_DEVICE_ID", "DISPLAY", "WAYLAND_DISPLAY"),
     *("PYTHON", "VIRTUAL_ENV", "CONDA_", "LIBERO_", "ROBOSUITE_", "NUMBA_", "HYDRA_"),
 )
-"""Prefixes of variables that a simulator does not get."""
+"""Prefixes of variables that are not passed to a simulator."""
 
 _OWN = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONNOUSERSITE": "1", "PYTHONUTF8": "1"}
 _NO_HOME = "/nonexistent"

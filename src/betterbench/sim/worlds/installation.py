@@ -55,7 +55,7 @@ class Installation:
         name: World name on the command line.
         lock: Name of the locked requirements file.
         module: Module that the simulator's process runs.
-        size: Size of the packages, as a text: download and unpacked.
+        size: Size of the packages for messages, such as "270 MB (0.9 GB unpacked)".
         summary: Description in a few words.
         beside: Installation whose Python runs the simulator, or None for a separate one. With another installation, the
             simulator's packages are read but not imported, so their dependencies are not installed.
@@ -120,10 +120,7 @@ class Installation:
 
     @contextlib.contextmanager
     def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
-        """Hold the folder lock and yield its descriptor.
-
-        The lock is free when all processes with the descriptor have ended.
-        """
+        """Hold the folder lock until all processes with its file descriptor have ended; yield the descriptor."""
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -172,9 +169,9 @@ class Installation:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
         if done.returncode:
-            said = last_line(done.stderr) or last_line(done.stdout) or "it said nothing"
+            said = last_line(done.stderr) or last_line(done.stdout) or "no output"
             raise MissingDependencyError(
-                f"the world {self.name} cannot be installed: {Path(command[0]).name} says {said}. "
+                f"the world {self.name} cannot be installed: {Path(command[0]).name} reported: {said}. "
                 "Its packages come from the package index: check the connection, and run the same command again."
             )
 

@@ -130,7 +130,7 @@ class _AskedTask:
 
     @classmethod
     def of(cls, suite: str, number: int, said: Mapping[str, Any]) -> _AskedTask:
-        """Return it; a LookupError, TypeError or ValueError if something is missing or of another type."""
+        """Return the task of a world's description; raise LookupError, TypeError or ValueError if it is malformed."""
         plus = suite in PLUS_SUITES
         return cls(
             index(said["task"] if plus else said.get("task", number)),
@@ -164,7 +164,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     """
     if not path.exists():
         return ()
-    cure = "Name another file with --out, which repeats the check"
+    cure = "Give another file with --out, which repeats the check"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     lines = enumerate(open_sealed_lines(data, where=str(path), cure=cure), start=1)
     return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)

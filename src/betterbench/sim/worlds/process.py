@@ -56,16 +56,16 @@ def as_agreed(what: str) -> Iterator[None]:
 
 
 def sent_text(value: object) -> str:
-    """Return a text sent by a simulator; raise TypeError for other types, ValueError if it is too long."""
+    """Return a string sent by a simulator; raise TypeError for other types, ValueError if it is too long."""
     if not isinstance(value, str):
         raise TypeError(f"expected a string, got a {type(value).__name__}")
     if len(value) > _LONGEST_TEXT:
-        raise ValueError(f"a text of {len(value)} characters")
+        raise ValueError(f"a string of {len(value)} characters")
     return value
 
 
 def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
-    """Return texts by name sent by a simulator, such as versions, checked like in :func:`sent_text`."""
+    """Return strings by name sent by a simulator, such as versions, checked like in :func:`sent_text`."""
     return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
@@ -140,7 +140,7 @@ class WorldProcess(AskedProcess):
             return message
         name = missing[1].partition(".")[0]
         return (
-            f"{message}. The simulator's environment has no module {name}: if its lock does not name it, add the "
+            f"{message}. The simulator's environment has no module {name}: if its lock does not list it, add the "
             f"package that contains it (`{package_command(name, python=str(self._python))}`)"
         )
 
@@ -153,7 +153,7 @@ class WorldProcess(AskedProcess):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
             said = last_line(self._said.read(_SAID_BYTES).decode(errors="backslashreplace"))
-            return f"; its process ended with status {status}{f' and said {said}' if said else ''}"
+            return f"; its process ended with status {status}{f' and printed {said}' if said else ''}"
         return ""
 
 

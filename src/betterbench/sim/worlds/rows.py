@@ -1,7 +1,7 @@
 """Rows: all numbers of a control step in one array, whose layout is sent once at the start of an episode.
 
-Between two control steps the CPU's caches are cold, and twenty arrays take both sides of the socket twenty times
-as long as one. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
+Between two control steps the CPU's caches are cold, and sending and receiving twenty arrays takes twenty times as long
+as one array. Like :mod:`betterbench.jobs.frames`, this module is imported in an environment without betterbench.
 """
 
 from __future__ import annotations

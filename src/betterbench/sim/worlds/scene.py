@@ -146,7 +146,7 @@ class ProcessWorld(World):
 
     Attributes:
         command: Command of the simulator's process.
-        tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
+        tasks: The tasks by a string of id and condition ("libero_spatial-05/base").
         versions: Package versions in its environment.
         regime: Training distribution of the base suite.
         refuse_broken: Whether a scene that contradicts its instruction's premise stops the run.
@@ -276,7 +276,7 @@ class ProcessScene:
 
     @property
     def whole_instruction(self) -> str:
-        """All instructions of the episode, as one text."""
+        """All instructions of the episode, as one string."""
         return self.condition.instruction.text
 
     @property
@@ -347,8 +347,8 @@ class ProcessScene:
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} is false after "
                 f"settling, but the instruction is {self.task.instruction!r}. An update of the engine can break "
                 f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
-                f"install {self.settings.name}` for the one that is pinned, or give --broken-premises run to go on by "
-                "the book."
+                f"install {self.settings.name}` for the one that is pinned, or give --broken-premises run to continue "
+                "as LIBERO does."
             )
         return self.state()
 
@@ -379,7 +379,7 @@ class ProcessScene:
 
     def _state(self) -> WorldState:
         arrays, pairs = self._arrays, self._pairs
-        # A negative number would count from the end.
+        # A negative index would count from the end of the array.
         touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
         forces = arrays["forces"].tolist()
         if not math.isfinite(sum(forces)):

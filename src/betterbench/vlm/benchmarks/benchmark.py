@@ -40,8 +40,8 @@ class DataFile:
     """A file of published data.
 
     Attributes:
-        path: Path in the repository of the hub.
-        megabytes: Size, as published; None if unknown.
+        path: Path in the hub repository.
+        megabytes: Published size [MB]; None if unknown.
         sha256: SHA-256, if known.
     """
 
@@ -52,14 +52,14 @@ class DataFile:
 
 @dataclass(frozen=True, slots=True)
 class DataSource:
-    """Origin and terms of a benchmark's data.
+    """Source and license terms of a benchmark's data.
 
     Attributes:
-        repository: Data set on the hub, as OWNER/NAME; empty if the data needs no download.
+        repository: Data set on the Hugging Face hub, as OWNER/NAME; empty if nothing must be downloaded.
         files: Files to download.
         license: License of the questions.
         terms: Terms of images and videos, and what cannot be downloaded.
-        layout: Required files and their places, one sentence per form of the data.
+        layout: Required files and their locations, one phrase per published format.
     """
 
     repository: str
@@ -75,14 +75,15 @@ class Benchmark:
 
     Attributes:
         title: Name in tables.
-        read: Reads the data in a folder, in any published form.
+        read: Function that reads the data in a folder, in any published format.
         source: Origin and terms of the data.
         headline: Rule for the headline number.
-        groups: Kinds of groups in the order of tables.
+        groups: Kinds of groups, in the order in which tables show them.
         coordinates: Default convention of our own prompt; None for a benchmark without points and boxes.
-        published: Number of items of the published data; None for data without a fixed number.
-        published_groups: A kind of group, and the number of published items by name of the group.
-        columns: Kind of group that the paper's Table 3 has as columns; empty for a benchmark with one number.
+        published: Number of items in the published data; None if it is not fixed.
+        published_groups: Kind of group, and the published number of items by group name.
+        columns: Kind of group that is shown as columns in the paper's Table 3; empty for a benchmark with a single
+            number.
     """
 
     name: str
@@ -109,4 +110,4 @@ class Benchmark:
 
 def missing(name: str, folder: Path, layout: tuple[str, ...]) -> InvalidInputError:
     """Return the error about a folder without data of a benchmark."""
-    return InvalidInputError("--data", f"{folder} holds no data of {name}", f"Expected {'; or '.join(layout)}")
+    return InvalidInputError("--data", f"{folder} contains no data of {name}", f"Expected {'; or '.join(layout)}")

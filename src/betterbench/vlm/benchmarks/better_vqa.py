@@ -10,7 +10,7 @@ from betterbench.vqa.dataset import SET_NAME, QuestionSet, read_set
 from betterbench.vqa.question import Form, Question, letter
 from betterbench.vqa.twins import axis_of, static_twins
 
-_LAYOUT = ("a folder that better vqa has made",)
+_LAYOUT = ("a folder written by better vqa",)
 
 
 def _read(folder: Path) -> ItemSet:
@@ -20,7 +20,7 @@ def _read(folder: Path) -> ItemSet:
 
 
 def items_of(asked: QuestionSet) -> ItemSet:
-    """Return a question set as items. Both have the same content hash, so that they share answer files."""
+    """Return a question set as items. Both have the same content hash, so they share answer files."""
     reference = {b.name: {"chance": 100 * b.chance, "blind": 100 * b.blind / max(1, b.n)} for b in asked.baselines}
     items = tuple(map(_item, asked.questions))
     twins = static_twins(asked.questions)

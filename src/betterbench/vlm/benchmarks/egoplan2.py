@@ -70,7 +70,7 @@ def _pictures_of(row: Row) -> list[Callable[[], bytes]]:
         return [partial(_embedded, row, i) for i in range(_count(row))]
     identifier, folder = row.text("sample_id"), row.file.parent
     if not identifier.replace("-", "").replace("_", "").isalnum():
-        raise row.error("sample_id", f"{identifier!r} is not a name of a video with a number")
+        raise row.error("sample_id", f"{identifier!r} is not a video name followed by a number")
     for name in _FOLDERS:
         frames = folder / name / identifier
         if frames.is_dir():

@@ -43,7 +43,7 @@ def _read(folder: Path) -> ItemSet:
     there = {item.groups["split"] for item in items}
     lacking = [split for split in _SCORED if split not in there]
     if lacking:
-        problem = f"has no items of the split {' and '.join(lacking)}, and the score is the mean over both"
+        problem = f"has no items of the split {' and '.join(lacking)}, but the score is the mean over both"
         raise InvalidInputError(str(folder), problem, f"Put there {' or '.join(_LAYOUT)}")
     return ItemSet("refspatial", tuple(items), lambda name: pictures[name](), digests)
 
@@ -82,9 +82,9 @@ def _require_region(mask: bytes, ratio: float, where: str) -> None:
     region = mask_of(mask, where)
     rows, columns = region.shape
     if not region.any():
-        raise InvalidInputError(where, "is empty, so no answer could be right", "Download the data again")
+        raise InvalidInputError(where, "is empty, so every answer would be wrong", "Download the data again")
     if abs(columns / rows / ratio - 1.0) > _MOST_STRETCH:
-        problem = f"has {columns} × {rows} pixels, another ratio of width to height than its image"
+        problem = f"has {columns} × {rows} pixels, so its aspect ratio differs from that of its image"
         raise InvalidInputError(where, problem, "Download the data again")
 
 

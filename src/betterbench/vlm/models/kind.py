@@ -1,4 +1,4 @@
-"""Kinds of models of ``better vlm``, told apart by the beginning of the address.
+"""Kinds of models for ``better vlm``, recognized by the beginning of the address.
 
 A kind is one module with one :class:`ModelKind`: :mod:`~betterbench.vlm.models.endpoint` (``URL#MODEL``),
 :mod:`~betterbench.vlm.models.hugging_face` (``hf:FOLDER``) and, in the package of the learners,
@@ -25,14 +25,15 @@ class ModelOptions:
 
     Attributes:
         address: Address of the model.
-        own_set: Whether the questions are a set of ``better vqa``, not a published benchmark or the coordinate probe.
+        own_set: Whether the questions come from a set of ``better vqa`` rather than from a published benchmark or the
+            coordinate probe.
         eyes: Resolution of the images.
         max_tiles: Maximum number of tiles per image; None for the model's own.
         max_tokens: Longest answer [tokens].
         key_variable: Environment variable with the key of an endpoint.
-        coordinates: Declared convention of coordinates; None if it was not declared.
-        data: Folder of the benchmark's data; None if it is made.
-        records: Run about whose frames a set asks; only for a model that gets recorded states.
+        coordinates: Declared coordinate convention, or None.
+        data: Folder of the benchmark's data; None if the command generates the data.
+        records: Run whose frames the set's questions are about; only for a model that receives recorded states.
     """
 
     address: str
@@ -52,10 +53,10 @@ class ModelOptions:
 
 
 def require_no_records(options: ModelOptions) -> None:
-    """Raise InvalidInputError if the options name a run, which a model that sees images does not get."""
+    """Raise InvalidInputError if the options include a run, because a model that receives images does not use one."""
     if options.records is not None:
         cure = "Leave it out, or give learned:CHECKPOINT"
-        raise InvalidInputError("--records", "it applies only to a learner", cure)
+        raise InvalidInputError("--records", "applies only to a learner", cure)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,12 +64,13 @@ class ModelKind:
     """Kind of model.
 
     Attributes:
-        scheme: First part of its addresses, before a colon; empty for all addresses of no other kind.
-        make: Makes the model at an address, with stored replies to equal requests if the cache is not None. It raises a
-            BetterError if there is no such model.
-        require: Raises InvalidInputError for options with which the model cannot answer. It is called first.
-        sees: Whether the model gets images, so that the convention of its coordinates can be probed.
-        one_at_a_time: Whether it answers one request after the other, whatever ``--at-once`` says.
+        scheme: Part of its addresses before the first colon; empty for the kind that takes all other addresses.
+        make: Function that creates the model at an address; if the cache is not None, equal requests get stored
+            replies. It raises a BetterError if there is no such model.
+        require: Function called before ``make``, which raises InvalidInputError for options that the model does not
+            support.
+        sees: Whether the model receives images, so that its coordinate convention can be probed.
+        one_at_a_time: Whether the model answers one request at a time, regardless of ``--at-once``.
     """
 
     scheme: str

@@ -1,7 +1,7 @@
 """Upstream scorers, reproduced with their faults for comparison with published numbers.
 
-Each scorer reproduces the behavior of an upstream program at a fixed commit and gives the same number for the same
-texts. The table "Official scoring" in ``docs/vlm.md`` lists the differences from our scores.
+Each scorer reproduces an upstream program at a fixed commit and gives the same number for the same replies. The table
+"Official scoring" in ``docs/vlm.md`` lists the differences from our scores.
 """
 
 from __future__ import annotations

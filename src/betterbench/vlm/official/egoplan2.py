@@ -1,7 +1,7 @@
 """Scorers of EgoPlan-Bench2 that reproduce its authors' ``eval.py`` and lmms-eval.
 
 Both delete stock phrases and take the first capital A, B, C or D anywhere: "Based on the video, the answer is C" gives
-B. Missing commas in the lists of phrases join four of them into two that no text contains.
+B. Missing commas in the phrase lists concatenate four phrases into two, which never occur in a reply.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _AFTER = ("Answer:", "Option:", "The correct answer", "The correct option")
 
 
 def letter_of(text: str, phrases: tuple[str, ...] = (*_BEFORE, *_JOINED, *_AFTER)) -> str:
-    """Return the letter that a program finds with its list of phrases, or an empty text."""
+    """Return the letter that an upstream program finds with its list of phrases, or an empty string."""
     rest = text.strip()
     for phrase in phrases:
         rest = rest.replace(phrase, "")

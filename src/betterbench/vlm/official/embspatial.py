@@ -16,7 +16,7 @@ _FIRST_LETTER = re.compile(r"[\s(]*([a-z])", re.IGNORECASE)
 
 
 def letter_of(text: str) -> str:
-    """Return the letter that the program finds, or an empty text."""
+    """Return the letter that lmms-eval finds, or an empty string."""
     found = _FIRST_LETTER.match(text.strip())
     return found[1].upper() if found else ""
 

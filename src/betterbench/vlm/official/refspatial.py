@@ -1,7 +1,7 @@
 """Scorers of RefSpatial-Bench: RoboRefer's evaluation, lmms-eval, and the EASI scorer of VLMEvalKit.
 
-The points are found by patterns that differ by convention; the score of an item is the mean of the mask over its
-points. An item is dropped from the denominator if reading the text raises an error.
+Each coordinate convention has its own pattern for points. The score of an item is the mean of the mask over its points.
+If an error occurs while a reply is read, the item is dropped from the denominator.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def _roborefer(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Score a text with all pairs read as fractions, even integers; boxes are ignored, and faint masks are empty."""
+    """Score like lmms-eval: all pairs, even of integers, are fractions; boxes are ignored; faint masks are empty."""
     pairs = [[_number(part) for part in found.split(",")] for found in _TUPLE.findall(text)]
     width, height = _sides(items, item)
     shapes: list[Shape] = [(_scaled(x, width), _scaled(y, height)) for x, y in (p for p in pairs if len(p) == 2)]
@@ -174,7 +174,7 @@ def _lmms_eval(items: ItemSet, item: Item, text: str, coordinates: str) -> Fract
 
 
 def _easi(items: ItemSet, item: Item, text: str, coordinates: str) -> Fraction:  # noqa: ARG001 - one signature
-    """Return 0, because reading a text raises an AttributeError (an undefined logger) in the program."""
+    """Return 0, because the EASI scorer raises an AttributeError (undefined logger) for every reply."""
     return Fraction(0)
 
 

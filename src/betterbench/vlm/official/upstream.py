@@ -29,7 +29,7 @@ class UpstreamScorer:
         score: Returns the score of a text; raises DroppedError or StoppedError.
         group: Kind of group whose means are averaged; None for the mean over all counted items.
         among: Groups that are averaged; all of them if empty.
-        conventions: Conventions of coordinates that the program reads; all if empty.
+        conventions: Coordinate conventions that the program reads; all if empty.
     """
 
     name: str
@@ -45,13 +45,13 @@ class UpstreamScore:
     """Result of an upstream scorer.
 
     Attributes:
-        value: Number of the program, or None if the program ends with an error or scores no item.
+        value: Score given by the program, or None if the program ends with an error or scores no item.
         scored: Number of items in the denominator of the program.
         total: Number of items of the benchmark.
-        differs: Number of items whose score differs from ours (with the values that our parser read).
+        differs: Number of items whose score differs from our score (of the values that our parser read).
         stopped_at: Identifier of the item at which the program ends with an error.
-        moved: Number of the program minus ours.
-        note: Reason for a missing number.
+        moved: Score given by the program minus our score.
+        note: Reason why there is no score.
     """
 
     name: str
@@ -86,10 +86,7 @@ def upstream_scores(
     ours: StaticScore,
     coordinates: str,
 ) -> list[UpstreamScore]:
-    """Return the numbers of upstream programs for the same texts.
-
-    An item without a text is scored as an empty text, like an empty reply in the upstream programs.
-    """
+    """Return the scores that upstream programs give to the same replies; a missing reply is scored as an empty one."""
     return [_scored(scorer, items, texts, ours, coordinates) for scorer in scorers]
 
 

@@ -28,8 +28,8 @@ class Prompt:
     Attributes:
         id: Identifier, which a run stores.
         benchmarks: Benchmarks that the prompt is for; the first listed prompt of a benchmark is its default.
-        template: Text with ``{question}``, ``{options}``, ``{request}`` (the required form of the answer), ``{frames}``
-            and the further words of an item.
+        template: String with the fields ``{question}``, ``{options}``, ``{request}`` (the required format of the
+            answer), ``{frames}`` and those of :attr:`Item.words`.
         source: Origin of the wording.
         option: Form of one option, with ``{letter}`` and ``{text}``.
         frame: Form of one image's line, with ``{number}`` and ``<image>``.
@@ -62,17 +62,17 @@ class Prompt:
             usual: Default convention of a prompt with ``{request}``; None for items without points and boxes.
 
         Raises:
-            InvalidInputError: If the wording states another convention than the declared one, or states none while none
-                is declared.
+            InvalidInputError: If the wording states a convention other than the declared one, or if neither the wording
+                nor the user states one.
         """
         if usual is None:
             return declared or "pixels"
         if self.coordinates is not None and declared not in (None, self.coordinates):
-            problem = f"the prompt {self.id} asks for {self.coordinates}, and {declared} is declared"
+            problem = f"the prompt {self.id} asks for {self.coordinates}, but {declared} is declared"
             cure = f"Give --coordinates {self.coordinates}, or another --prompt"
             raise InvalidInputError("--coordinates", problem, cure)
         if declared is None and self.coordinates is None and "{request}" not in self.template:
-            problem = f"is missing, and the prompt {self.id} does not say in which form the model answers"
+            problem = f"is missing, and the prompt {self.id} does not state a coordinate convention"
             raise InvalidInputError("--coordinates", problem, f"Declare one of {', '.join(CONVENTIONS)}")
         return declared or self.coordinates or usual
 

@@ -67,7 +67,7 @@ class Chat(Protocol):
 
 
 class ChatEndpoint:
-    """A model with OpenAI's chat protocol; safe to use from several threads."""
+    """Client for a model that is served with OpenAI's chat protocol; safe to use from several threads."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class ChatEndpoint:
         cache: ReplyCache | None = None,
         sleep: Callable[[float], None] | None = None,
     ) -> None:
-        """Store the address without sending anything.
+        """Store the settings; nothing is sent.
 
         Args:
             url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
@@ -90,8 +90,8 @@ class ChatEndpoint:
             key_variable: Environment variable with the API key, if set.
             timeout_s: Maximum wait for the beginning of an answer and between its parts [s].
             deadline_s: Maximum wait for a whole answer [s], for servers that send it in many small parts.
-            tries: Number of times that a request is sent after transient failures; at least ten if the server limits
-                its requests (HTTP 429).
+            tries: Maximum number of times that a request is sent if transient failures occur; at least ten if the
+                server limits the request rate (HTTP 429).
             further: Further fields of each request, such as vLLM's ``mm_processor_kwargs``.
             cache: Stored replies of earlier requests, which are not sent again.
             sleep: Waits between tries [s]; replaced in tests.
@@ -237,7 +237,7 @@ class ScriptedChat:
 
 
 PICTURE = "<image>"
-"""Mark of a picture's place in a prompt."""
+"""Placeholder for an image in a prompt."""
 
 _MEDIA_TYPES = (
     (re.compile(rb"\x89PNG\r\n\x1a\n"), "image/png"),

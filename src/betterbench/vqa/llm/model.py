@@ -26,7 +26,7 @@ class Model(Protocol):
     def answer(self, prompt: str, pictures: Sequence[bytes]) -> str | Reply:
         """Return the answer to a prompt about images (PNG, JPEG, GIF or WebP), with its token counts if known.
 
-        A prompt may mark the places of its images, see :func:`~betterbench.vqa.llm.chat.user_message`.
+        A prompt may contain placeholders for its images, see :func:`~betterbench.vqa.llm.chat.user_message`.
 
         Raises:
             RefusedError: If this request was rejected.

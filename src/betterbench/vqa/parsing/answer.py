@@ -58,9 +58,9 @@ NOTHING = Read(None, "none")
 
 
 def final_text(text: str) -> str:
-    """Return the part of a text that may contain the answer: the end of the text, without the thinking.
+    """Return the part of a reply that may contain the answer: its end, without the reasoning in thinking tags.
 
-    A text that ends inside the thinking, because the token limit was reached, contains no answer.
+    A reply that ends inside the reasoning, because the token limit was reached, contains no answer.
     """
     kept, start, inside = list[str](), 0, False
     for tag in _THINKING.finditer(text):

@@ -62,7 +62,7 @@ def read_extraction(spec: AnswerSpec, text: str, reply: str) -> Read:
 
 
 def _grouped(form: Form, numbers: list[str]) -> str:
-    """Return copied numbers as tuples, or an empty text if they are too few or too many."""
+    """Return copied numbers as tuples, or an empty string if their number does not fit the form."""
     size = 4 if form is Form.BOX else 2
     if not numbers or len(numbers) % size or (form is not Form.POINTS and len(numbers) != size):
         return ""

@@ -156,7 +156,7 @@ def _of_json(text: str) -> list[Numbers]:
 
 
 def _exactly(text: str) -> Fraction:
-    """Return a number of JSON; raise ValueError if its exponent has more than two digits, which takes hours."""
+    """Convert a JSON number exactly; raise ValueError for exponents of more than two digits, which would take hours."""
     if not _EXPONENT.fullmatch(text.lower().partition("e")[2]):
         msg = f"{text[:20]} is out of range"
         raise ValueError(msg)

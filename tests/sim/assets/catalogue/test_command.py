@@ -70,7 +70,7 @@ def test_licenses_and_one_asset_are_shown(indexed, place, capsys):
     (place[0] / "blueMug.obj").write_text(OBJ + "# changed\n")
     run(capsys, "index", str(place[0]), "--encoder", "none", *indexed)  # now without a license
     _, out, _ = run(capsys, "licenses", *indexed)
-    assert "4 assets are searched only with --license any." in out
+    assert "4 assets are found only with --license any." in out
     assert run(capsys, "search", "mug", *indexed)[1] == ""
     assert "kitchen/redMug.obj" in run(capsys, "search", "mug", "--license", "any", *indexed)[1]
     _, out, _ = run(capsys, "show", "kitchen/redMug.obj", *indexed)

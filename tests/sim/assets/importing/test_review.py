@@ -264,7 +264,7 @@ def test_a_change_after_a_verdict_makes_it_pending(tmp_path):
 @pytest.mark.parametrize(
     ("decision", "text"),
     [
-        (Undo(7), "undoes line 7 and not the last standing decision on tumbler.stl .it is line 1"),
+        (Undo(7), "undoes line 7, which is not the last active decision on tumbler.stl .it is line 1"),
         (Verdict("accept"), "'accept' with 1 changes of tumbler.stl, expected 'fix'"),
     ],
 )

@@ -47,7 +47,7 @@ MOST_BYTES = 1_000_000
 MOST_ROWS = 200
 """Maximum number of rows in a table, because all pairs of rows are compared."""
 
-_CURE = "Correct it, or start from the packaged file"
+_CURE = "Correct the file, or start from the packaged file"
 
 
 @exact_fields
@@ -113,7 +113,7 @@ def load_tables(path: Path) -> PaperSource:
     try:
         text = read_bounded(path, max_bytes=MOST_BYTES, cure="Give a JSON file, or split it").decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InvalidInputError(str(path), "is not a text in UTF-8", "Give a JSON file") from error
+        raise InvalidInputError(str(path), "is not UTF-8 text", "Give a JSON file") from error
     return read_source(text, str(path))
 
 

@@ -159,7 +159,7 @@ def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
 
 @functools.lru_cache(maxsize=1024)
 def _fitting(column: tuple[Decimal, ...], allowed: int) -> tuple[int, ...]:
-    """Return the sizes that reproduce all percentages of a column but a few, the best first."""
+    """Return the sample sizes that reproduce all but a few of a column's percentages, best first."""
     scored = []
     for n in range(2, LARGEST_SIZE + 1):
         misfits = 0
@@ -203,7 +203,7 @@ def _prints(count: CountBehind, printed: Decimal) -> bool:
 
 
 def _explain(row: PooledRow, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str], str]:
-    """Return corrections of the parts that do not fit, by position, and a sentence on them.
+    """Return corrections of the parts that do not fit, by position, and a sentence that explains them.
 
     Two causes are tried: questions missing from the denominators of these parts, and one misprinted digit in a single
     part. Each must reproduce the overall rate too.

@@ -34,7 +34,8 @@ class IndependentAgent:
         """Ground truth of the policy about its own episode.
 
         ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label, if the goal is not
-        met, by the rules in :mod:`betterbench_calibration.independent.truth`, and ``rule`` the rule that corrected it.
+        met, by the rules in :mod:`betterbench_calibration.independent.truth`, and ``rule`` is the rule that corrected
+        it.
         """
         ledger = self.body.ledger
         for name in self.body.harmed():

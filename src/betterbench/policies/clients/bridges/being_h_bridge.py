@@ -1,7 +1,7 @@
 """Bridge that serves a policy object over openpi's websocket protocol, in one file to copy to the policy's folder.
 
 It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``. The policy needs a method ``get_action(dict) -> dict``
-like Being-H's. Write a file that makes the policy::
+like Being-H's. Write a file that creates the policy::
 
     # my_policy.py, in the same folder as this file, in the environment of Being-H
     from BeingH.inference.policy import InternVLPolicy
@@ -19,8 +19,8 @@ clients. Neither side unpickles data. The policy gets one request at a time, for
 
 Real-time chunking (``--inference-delay`` in control steps): the policy's ``action_unified`` is stored for the
 connection and passed back as ``prev_chunk`` with ``inference_delay`` in the next request. A new episode must begin
-without a previous chunk, so this works only for clients that send their step: add a state with the key ``better/step``
-and the single part ``step`` to the adapter. The policy does not get this number.
+without a previous chunk, so the client must send its step number: add a state with the key ``better/step`` and the
+single part ``step`` to the adapter. The bridge does not pass this number to the policy.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anythi
 def _mark(thing: object) -> object:
     thing = _plain(thing)
     if isinstance(thing, (np.ndarray, np.generic)) and thing.dtype.kind not in "biufSU":
-        raise ValueError(f"an array of {thing.dtype} cannot be encoded")
+        raise ValueError(f"an array of type {thing.dtype} cannot be encoded")
     if isinstance(thing, np.ndarray):
         return {b"__ndarray__": True, b"data": thing.tobytes(), b"dtype": thing.dtype.str, b"shape": thing.shape}
     if isinstance(thing, np.generic):
@@ -199,7 +199,7 @@ def _plain(value: object) -> object:
 def serve_from_command_line() -> int:
     """Serve the policy named on the command line, and return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("make", help="MODULE:FUNCTION that makes the policy, called without arguments")
+    parser.add_argument("make", help="MODULE:FUNCTION that creates the policy, called without arguments")
     parser.add_argument("--host", default="127.0.0.1", help="interface to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on (default: %(default)s)")
     parser.add_argument("--inference-delay", type=int, default=0, help="control steps, for real-time chunking")

@@ -2,8 +2,8 @@
 
 Kinematics, joint ranges, masses, inertias and meshes: TheRobotStudio's ``SO-ARM100``, ``Simulation/SO101`` with the new
 calibration, in the form of MuJoCo Menagerie's ``robotstudio_so101`` (commit 4c358ef9d9d7f32ca58b40b490884a0c1726a440),
-both Apache-2.0. The file ``meshes.npz`` holds the decimated visual meshes; ``tools/so101_meshes.py`` makes it and says
-what it changes, and ``LICENSE`` is the license of the originals.
+both Apache-2.0. The file ``meshes.npz`` contains the decimated visual meshes; ``tools/so101_meshes.py`` generates the
+file and documents the changes. ``LICENSE`` is the license of the original meshes.
 
 **Zero angles.** The new calibration puts the zero of each joint in the middle of its range. TheRobotStudio's old
 calibration has its zero at the fully extended arm; it is not used here.
@@ -335,7 +335,7 @@ _PAINTS = {"print": (0.93, 0.92, 0.89, 1.0), "jaw": (0.95, 0.42, 0.08, 1.0), "da
 
 def build_so101(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
     """Return a new MuJoCo description of the SO-101, optionally without visual meshes; the physics is the same."""
-    del progress  # the meshes come decimated
+    del progress  # the packaged meshes are already decimated
     spec = mujoco.MjSpec()
     spec.modelname = SO101.name
     PHYSICS.set_solver(spec)
@@ -382,7 +382,7 @@ def _add_jaws(gripper: mujoco.MjsBody) -> mujoco.MjsBody:
     gripper.add_site(
         name=SO101.tcp_site, pos=(_TOOL_X, 0.0, _TOOL_Z), quat=(0.0, half, half, 0.0), size=(0.004,) * 3, group=4
     )
-    fixed = gripper.add_body(name="fixed_jaw")  # a body of its own, so that contacts tell jaw and palm apart
+    fixed = gripper.add_body(name="fixed_jaw")  # a separate body, so that contacts distinguish jaw and palm
     for number, shape in enumerate(_FIXED_JAW_SHAPES):
         add_shape(fixed, shape, f"fixed_jaw_collision{number}")
     moving = add_link(gripper, _MOVING_JAW)

@@ -78,7 +78,7 @@ class OwnWorld(World):
             planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
         if not planned:
             raise InvalidInputError(
-                "--variations", f"{', '.join(variations)} selects no trial", "Name other variations"
+                "--variations", f"{', '.join(variations)} selects no trial", "Give other variations"
             )
         return tuple(planned), self
 
@@ -169,7 +169,7 @@ class OwnWorld(World):
         return ordered[:begin] + sorted(ordered[begin:], key=lambda t: -limits[t.task, t.condition])
 
     def interventions(self, trial: Trial) -> tuple[str, ...]:
-        """Return the operations of a variation, as texts."""
+        """Return the operations of a variation, as strings."""
         found = trial.resolve()
         return () if found.variation is None else tuple(str(i) for i in found.variation.interventions)
 

@@ -38,7 +38,7 @@ _OTHER_SCENES = {
 }
 """The blocks of the training scenes (calvin_env@797142c, ``conf/scene``).
 
-Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's names.
+Before December 2021 (calvin_env@93aeae6) the names of the files for scenes A and D were swapped.
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
@@ -93,7 +93,7 @@ class CalvinSimulator:
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
     def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
-        """Reject: chains have no labels, and therefore no films."""
+        """Raise ValueError, because chains are not diagnosed and therefore have no videos."""
         raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
@@ -117,7 +117,8 @@ class CalvinSimulator:
         for button in env.scene.buttons:
             button.prev_is_pressed = False
         env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
-        # Like CALVIN's `rollout`: with EGL, the first image of a process differs from the following ones.
+        # Render once and discard the image, as in CALVIN's `rollout`: with EGL, the first image of a process differs
+        # from later ones.
         document, arrays = self._row(env.get_obs(), env.get_info())
         fixed = {
             "fingers": [int(i) for i in env.robot.gripper_joint_ids],
@@ -164,7 +165,7 @@ class CalvinSimulator:
         return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
 
     def prepare(self) -> None:
-        """Make the environment once; after a failure, raise the same error again."""
+        """Create the environment on the first call; after a failure, later calls raise the same error."""
         if self._problem is not None:
             raise self._problem
         if self._env is not None:
@@ -218,7 +219,7 @@ class CalvinSimulator:
         return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
 
     def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
-        """Return the current state: ``get_info`` as JSON, and robot, scene and images as arrays."""
+        """Return the current state: ``get_info`` as JSON; robot state, scene state and images as arrays."""
         names = self._block_names()
         scene = np.array(seen["scene_obs"], float)
         blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))

@@ -197,7 +197,7 @@ class CalvinWorld(ProcessWorld):
         if suite not in CHAIN_SUITES:
             raise UnknownNameError("suite of CALVIN", suite, CHAIN_SUITES)
         if asked.tasks:
-            raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
+            raise InvalidInputError("--tasks", "CALVIN has chains instead of tasks", "Give --seed and --trials")
         change = CHAIN_SUITES[suite].change
         require_between("--seed", seed, 0, CHAINS - 1)
         count = CHAINS - seed if asked.trials is None else asked.trials
@@ -645,8 +645,8 @@ def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...]
     except WorldError as error:
         found = describe_chains((*command[:-1], _RENDERER_WORDS[False]), suite)
         logger.warning(
-            "CALVIN is drawn by TinyRenderer because EGL, which CALVIN uses, does not start here (%s). Its images are "
-            "others: 21 of 255 apart on average. Install Mesa's EGL (libegl1) or the driver of the graphics card.",
+            "CALVIN is drawn by TinyRenderer because EGL, which CALVIN uses, does not start here (%s). Its images "
+            "differ from EGL by 21 of 255 on average. Install Mesa's EGL (libegl1) or the driver of the graphics card.",
             error,
         )
         return found

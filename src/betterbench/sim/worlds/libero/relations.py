@@ -114,7 +114,7 @@ class Relations:
         halves = [[float(x) for x in box.size] for box in boxes]
         holders = [env.get_object(env.object_states_dict[relation[2]].parent_name) for relation in placed]
         things = [env.get_object(relation[1]) for relation in placed]
-        # LIBERO requires that an object "in" a place touches nothing.
+        # LIBERO's relation "in" also requires that the object touches nothing.
         needed = [h if relation[0] == "on" else None for h, relation in zip(holders, placed, strict=True)]
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 

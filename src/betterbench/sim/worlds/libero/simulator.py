@@ -432,7 +432,7 @@ class _Reader:
         return "floor"
 
     def _arena_places(self) -> dict[str, list[float]]:
-        """Return the start places on the table or floor in the task's file, named by their coordinates [m]."""
+        """Return the coordinates [m] of the task's start places on the table or floor by :func:`_place_name`."""
         env, height = self._env, _surface(self._env)
         offset = env.workspace_offset
         places = {}
@@ -451,7 +451,7 @@ class _Reader:
         return name
 
     def _regions(self, i: int, name: str) -> list[dict[str, Any]]:
-        """Return the boxes of an object in relations, in its frame [m]."""
+        """Return the boxes of an object to which the task's relations refer, in the object's frame [m]."""
         found = []
         frame = self._data.xmat[self._roots[i]].reshape(3, 3) @ self._turns[i]
         origin = self._data.xpos[self._roots[i]] + self._data.xmat[self._roots[i]].reshape(3, 3) @ self._shifts[i]
@@ -506,7 +506,7 @@ class _Reader:
 class _Views:
     """Cached arrays of a simulation, whose addresses never change.
 
-    Getting one from the engine takes as long as copying it.
+    Requesting a view from the engine takes as long as copying the array.
     """
 
     def __init__(self, data: Any, site: int) -> None:  # noqa: ANN401 - MuJoCo's own

@@ -99,7 +99,7 @@ class LiberoWorld(ProcessWorld):
         known, regime, versions = _described(started, chosen.name)
         if len(known) != chosen.tasks:
             raise WorldError(
-                f"{asked.suite} has {len(known)} tasks there and {chosen.tasks} here; install the world again"
+                f"{asked.suite} has {len(known)} tasks in the simulator, not {chosen.tasks}; install the world again"
             )
         found = [known[i] for i in numbers]
         change = chosen.change

@@ -131,7 +131,9 @@ class LiberoPlusSimulator(LiberoSimulator):
         text = path.read_text(encoding="utf-8")
         missing = sorted(self._missing(text))
         if missing:
-            raise FileNotFoundError(f"{variant.name} needs {', '.join(missing)}, which are not assets of LIBERO")
+            raise FileNotFoundError(
+                f"{variant.name} needs {', '.join(missing)}, which are not among the assets of LIBERO"
+            )
         self._noise = Noise(variant.noise) if variant.noise else None
         self._add_objects(text)
         self._add_problem(_first(_PROBLEM, text), variant.view)
@@ -321,7 +323,7 @@ def initial_states_in(path: Path) -> np.ndarray:
         ValueError: If the file contains anything else.
     """
     if not path.is_file():  # opening a named pipe would wait
-        raise ValueError("it is not an ordinary file")
+        raise ValueError("is not a regular file")
     with zipfile.ZipFile(path) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/data.pkl"))
         steps = [(op.name, argument) for op, argument, _ in pickletools.genops(archive.read(name))]

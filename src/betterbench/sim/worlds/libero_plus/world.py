@@ -211,7 +211,7 @@ def plus_command(assets: Path | None = None) -> tuple[str, ...]:
         raise InvalidInputError(
             where,
             f"{folder} has no folder {', '.join(missing)}",
-            "Name the unzipped folder assets of LIBERO-Plus, which contains scenes, textures and new_objects",
+            "Give the unzipped folder assets of LIBERO-Plus, which contains scenes, textures and new_objects",
         )
     return (*INSTALLATION.command(), *([] if folder is None else [str(folder.resolve())]))
 
@@ -230,7 +230,7 @@ def _nothing_left(
         "--axes",
         f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} runs without the authors' "
         f"assets (the first needs {first})",
-        "Download the assets of LIBERO-Plus and name their folder with --libero-plus-assets",
+        "Download the assets of LIBERO-Plus and give their folder with --libero-plus-assets",
     )
 
 
