@@ -26,6 +26,14 @@ CLOSE_TO = {
 }
 """Words for the same sides in place-setting instructions, whose pieces are close to the plate."""
 
+CUTLERY = frozenset({"fork", "spoon", "knife", "teaspoon", "spork"})
+"""Nouns of objects whose handle points to the front when they lie at a plate."""
+HANDLES_TO_FRONT = (
+    "with the handle of the {} pointing to the front, not to a side",
+    "with the handles of the cutlery pointing to the front, not to a side",
+)
+"""Words for this direction, of one piece and of several. They come last, because a cup has a handle too."""
+
 REACH = threshold(
     "side_reach",
     0.24,
@@ -94,15 +102,16 @@ TURN = threshold(
     "side_turn",
     math.radians(45.0),
     "rad",
-    "Largest angle at which the head of a long object at a plate still points away from the eater; people accepted 24 "
-    "degrees, and rejected 54 and 159 to 179 degrees.",
+    "Largest angle at which the handle of cutlery at a plate still points to the front, as its instruction says: "
+    "beyond 45 degrees, it points more to a side. Before instructions said so, people accepted 24 degrees, and one "
+    "judge rejected 54 and 159 to 179 degrees.",
     "Larger: cutlery may be askew; more success, fewer execution_failure.",
 )
 FACE_DOWN = threshold(
     "side_face_down",
     math.radians(12.0),
     "rad",
-    "Largest angle from upside down at which a long object at a plate lies face down on the table; a fork on its "
+    "Largest angle from upside down at which cutlery at a plate lies face down on the table; a fork on its "
     "curved tines is 7 degrees off. People accepted a fork and a spoon that lay face down.",
     "Larger: cutlery may lean more while upside down; more success, fewer execution_failure.",
 )
@@ -124,12 +133,12 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     The center of the object's foot is on the table, next to the anchor: up to 24 cm from its edge, or 7.5 cm from the
     edge of a plate. The foot may be at most 2.5 cm nearer, farther back or farther to a side than the anchor reaches.
     "At the upper right" covers directions between right and behind; those up to the diagonal also count as right. The
-    object is upright as intended for its asset. Cutlery at a plate may also lie face down, and its head points away
-    from the eater.
+    object is upright as intended for its asset. Cutlery at a plate may also lie face down, and its handle points to the
+    front.
     """
     if not state.touching(name, "table"):  # cheapest test first: a carried object fails here
         return None
-    setting = _is_round(state.info.object(anchor)) and _is_long(state.info.object(name))
+    setting = is_laid(state.info.object(name), state.info.object(anchor))
     face_down = setting and math.pi - tilt_of(state.quaternion(name)) <= FACE_DOWN
     x, y, z = state.pose(anchor).inverse().apply(_top(state, name) if face_down else foot(state, name))
     if z > HEIGHT:
@@ -137,7 +146,17 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     side = side_of(state.info.object(anchor), x, y)
     if side is None or not (face_down or upright(state, name)):
         return None
-    return side if not setting or _points_away(state, name, anchor) else None
+    return side if not setting or _points_to_front(state, name, anchor) else None
+
+
+def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
+    """Return whether an object is cutlery in a place setting around an anchor: its handle points to the front."""
+    return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
+
+
+def is_cutlery(kind: str, category: str) -> bool:
+    """Return whether the noun or the category of an object is that of cutlery."""
+    return not CUTLERY.isdisjoint((kind.rsplit(" ", maxsplit=1)[-1], category.rsplit("_", maxsplit=1)[-1]))
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
@@ -209,8 +228,8 @@ def _top(state: WorldState, name: str) -> Vector:
     return state.pose(name).apply((x, y, info.size_m[2] - z))
 
 
-def _points_away(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the head of a long object points away from the eater, as in a place setting."""
+def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
+    """Return whether the handle of cutlery points to the front, where the eater sits."""
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
     return abs(math.remainder(turn, 2.0 * math.pi)) <= TURN
 
@@ -218,12 +237,12 @@ def _points_away(state: WorldState, name: str, anchor: str) -> bool:
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
     """Return goals at the center of a side.
 
-    Long objects lie along the anchor; cutlery at a plate points away from the eater.
+    Long objects lie along the anchor; the handle of cutlery at a plate points to the front.
     """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position
     facing, now = yaw_of(frame.quaternion), yaw_of(state.pose(name).quaternion)
-    if _is_long(info) and _is_round(state.info.object(anchor)):
+    if is_laid(info, state.info.object(anchor)):
         yaws = [facing]
     elif _is_long(info):
         yaws = sorted((facing, facing + math.pi), key=lambda yaw: abs(math.remainder(yaw - now, 2.0 * math.pi)))
