@@ -47,7 +47,7 @@ def breakfast_table() -> a.Task:
     Sides are seen by a person in front of the plate, as by the front camera.
 
     Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; the look of everything.
-    Success: each piece lies next to the plate. The handle of cutlery points to the front; it may lie face down.
+    Success: each piece lies next to the plate. The handle of cutlery points to the front; it may lie on any side.
     """
     other_order = (a.swap(CUP, EGG), a.swap(BOWL, JAM), a.swap(BOWL, SALT))
     other_sides = (a.instruct(laid((SPOON, "left"), (CUP, "right"))),)
