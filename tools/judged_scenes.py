@@ -30,6 +30,7 @@ import csv
 import importlib
 import itertools
 import math
+import os
 import sys
 import textwrap
 from collections import Counter
@@ -522,6 +523,8 @@ def draw(
     write_table(shown / "scenes.tsv", rows)
     write_table(hidden / "verdicts.tsv", verdicts)
     (shown / "HOW.md").write_text(HOW, encoding="utf-8")
+    for path in shown.iterdir():  # the order in which pictures were written would tell what was posed
+        os.utime(path, (0.0, 0.0))
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, str]]) -> None:

@@ -64,6 +64,7 @@ def test_the_folder_for_judges_holds_no_verdict_and_several_processes_give_the_s
         scenes.main(["draw", str(out), "--count", "2", "--seed", "4", "--near-border", "0", "--workers", workers])
         shown = {path.name: path.read_bytes() for path in (out / "for_judges").iterdir()}
         assert sorted(shown) == ["001.png", "002.png", "HOW.md", "scenes.tsv"]
+        assert {path.stat().st_mtime for path in (out / "for_judges").iterdir()} == {0.0}
         table = shown["scenes.tsv"].decode().splitlines()
         assert table[0] == "number\tkind\tinstruction\tquestion"
         hidden = (out / "hidden" / "verdicts.tsv").read_text()
