@@ -7,6 +7,14 @@
 If only a rule of the goal has changed, and neither scene nor instruction, AFTER is not needed. Without it, the states
 of every record of BEFORE are judged again with the new rules, and all verdicts must be the recorded ones.
 
+If only the wording of instructions has changed (and perhaps a rule), part of AFTER is enough::
+
+    python tools/carry_calibration.py BEFORE --sample AFTER
+
+The faulty policies decide by the steps of an instruction and by whether two instructions are the same, so the wording
+must not make equal instructions different, or different ones equal. The states of BEFORE are judged again as above, and
+every record of AFTER must hold the bytes of the same trial in BEFORE, with at least one trial of each condition.
+
 A label may depend on all trials of a policy, so the counts of one task cannot be replaced by new ones. If every record
 contains the same bytes under both versions, all labels stay the same, and only the versions in the file have to change.
 If a record differs, the whole calibration has to be measured again.
@@ -16,12 +24,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 
 import compare_records
 from betterbench.diagnosis import Calibration
@@ -41,12 +51,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("before", type=Path, help="folder of better calibrate, with the old version")
     parser.add_argument("after", type=Path, nargs="?", help="folder of the same command, with the new version")
+    parser.add_argument(
+        "--sample", type=Path, default=None, help="some trials with the new wording of the instructions"
+    )
     parser.add_argument("--file", type=Path, default=None, help="calibration to rewrite; by default, the packaged one")
     asked = parser.parse_args(arguments)
+    if asked.after is not None and asked.sample is not None:
+        parser.error("give either AFTER or --sample")
     with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
         file = asked.file or folder / packaged_file("faulty")
     try:
-        carried = carry(read(file), asked.before, asked.after)
+        carried = carry(read(file), asked.before, asked.after, sample=asked.sample)
     except BetterError as error:
         sys.stderr.write(f"{error}\n")
         return 2
@@ -62,13 +77,13 @@ def read(file: Path) -> Calibration:
     return Calibration.from_json(file.read_bytes(), where=str(file))
 
 
-def carry(packaged: Calibration, before: Path, after: Path | None) -> Calibration:
+def carry(packaged: Calibration, before: Path, after: Path | None, *, sample: Path | None = None) -> Calibration:
     """Return the packaged calibration with the task versions of ``after``, or of the present tasks if it is None.
 
     Raises:
         InvalidInputError: If ``before`` was measured under other versions than the packaged calibration or with other
-            policies, if anything but a task's version differs between the two folders, or if ``after`` is None and a
-            record of ``before`` is judged differently now.
+            policies, if anything but a task's version differs between the two folders, if ``after`` is None and a
+            record of ``before`` is judged differently now, or if a record of ``sample`` differs.
     """
     old = read(before / "calibration.json")
     for name, version in old.versions.items():
@@ -80,6 +95,8 @@ def carry(packaged: Calibration, before: Path, after: Path | None) -> Calibratio
     trials = old.total + old.left_out
     if after is None:
         _require_same_verdicts(before, trials=trials)
+        if sample is not None:
+            _require_same_sample(before, sample)
         tasks = {n: str(get_task(n.removeprefix(TASK)).version) for n in old.versions if n.startswith(TASK)}
     else:
         new = read(after / "calibration.json")
@@ -124,6 +141,27 @@ def has_same_verdicts(record: Record) -> bool:
     recorded = record.arrays()
     same = all(np.array_equal(recorded[name], np.array(values)) for name, values in columns.items())
     return same and record.outcome.success == any(t.success for t in truths)
+
+
+def _require_same_sample(before: Path, sample: Path) -> None:
+    """Raise InvalidInputError unless the records of a sample hold the same bytes and differ only in their wording."""
+    pairs: set[tuple[str, str]] = set()
+    conditions: dict[bool, set[str]] = {True: set(), False: set()}
+    for path in sorted(before.glob("*/records/**/*.parquet")):
+        other, known = sample / path.relative_to(before), read_record(path).metadata
+        conditions[other.is_file()].add(f"{known.task}/{known.condition}")
+        if not other.is_file():
+            continue
+        if (column := compare_records.first_difference(pq.read_table(path), pq.read_table(other))) is not None:
+            raise InvalidInputError(str(other), f"{column} differs from the old version", CURE)
+        pairs.add((f"{known.task}: {known.instruction}", f"{known.task}: {read_record(other).metadata.instruction}"))
+    if missing := sorted(conditions[False] - conditions[True]):
+        problem = f"it has no trial of {', '.join(missing)}"
+        raise InvalidInputError(str(sample), problem, "Let better calibrate run longer into this folder")
+    for texts in zip(*pairs, strict=True):
+        twice = next((text for text, times in Counter(texts).items() if times > 1), None)
+        if twice is not None:
+            raise InvalidInputError(str(sample), f"two instructions correspond to one: {twice!r}", CURE)
 
 
 def _require_same_records(before: Path, after: Path, *, trials: int) -> None:

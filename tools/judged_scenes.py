@@ -14,6 +14,13 @@ words. The second command compares the majority of the judges with the program, 
 A scene is a point on a line between an arrangement that the program accepts and one that it does not. The border on
 this line is found by bisection. Half of the scenes are within a quarter of the line from the border, and the others
 anywhere on the line. One scene in five is about harm, and one in five about the posture of cutlery, which is random.
+
+A set as a person would pose it to check the program has few scenes near a border, and few odd postures::
+
+    python tools/judged_scenes.py draw OUT --count 66 --seed 1 --near-border 0.15 --cutlery 0.1
+
+Then the other scenes are ordinary: in each second one, the step is done (or nothing was harmed) within the first fifth
+of the line, and in the rest it is not, within the last fifth.
 """
 
 from __future__ import annotations
@@ -23,13 +30,17 @@ import csv
 import importlib
 import itertools
 import math
+import os
 import sys
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -45,12 +56,16 @@ from betterbench.statistics import wilson_interval
 from betterbench.tasks import Condition, Expected, GoalTracker, Subgoal, get_task, stream, suite_tasks
 from betterbench.tasks.interventions import vary
 from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.beside import HANDLES_TO_FRONT, is_cutlery
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 arranging: Any = importlib.import_module("tests.tasks.arranging")
 
 SIDE_PX, HEAD_PX, MARGIN_PX = 720, 92, 6
 NEAR, BISECTIONS, TRIES = 0.25, 6, 60
+HALF, FIFTH = Fraction(1, 2), Fraction(1, 5)
+ENDS = 0.2
+"""Length of the ends of a line, in which an ordinary scene lies."""
 ABOVE_M, ABOVE_FOV_DEG, CLOSE_FOV_DEG = 1.75, 23.0, 15.0
 HIDDEN_GROUP = 5
 MOVED_M, SUNK_M, JUMPED_M = 0.004, -0.004, 0.2
@@ -66,9 +81,9 @@ HOW = """# How to judge these scenes
 You are a judge. Look only at the pictures and at `scenes.tsv` in this folder. Judge alone.
 
 A robot was given the instruction, and the picture shows the end: on the left from the front camera, opposite the robot,
-then from above, with the robot hidden. Goal scenes also show the object closer, from the front. Left, right and behind
-in an instruction are meant as seen from the front. Everything is at rest, and the gripper holds nothing. The bars in
-the view from above are 5 cm at table height.
+then from above, with the robot hidden. Goal scenes also show the object closer, from the front. Left, right, behind and
+the front in an instruction are meant as seen from the front: the front is the lower edge of each view. Everything is at
+rest, and the gripper holds nothing. The bars in the view from above are 5 cm at table height.
 
 **Goal scenes.** Is the step named in the question done, as a reasonable person who gave this instruction would accept
 it? Only this step counts.
@@ -145,9 +160,9 @@ class Question:
 class Poser:
     """Source of random questions."""
 
-    def __init__(self, seed: int) -> None:
-        """Draw from the generator of a seed."""
-        self.rng = stream("judged_scenes", seed, "poses")
+    def __init__(self, seed: int, part: str = "poses") -> None:
+        """Draw from the generator of a seed, for all scenes or one of them."""
+        self.rng = stream("judged_scenes", seed, part)
 
     def uniform(self, low: float, high: float) -> float:
         """Return a uniform number."""
@@ -339,6 +354,8 @@ def step_words(condition: Condition, goal: Subgoal, thing: str, below: str) -> s
         "in_hole": f"in the {holes.get(goal.region, '')} hole of the rack",
         "layer": f"on the {condition.object(below).kind}, as a layer of the burger" if below else "",
     }[goal.relation]
+    if goal.relation == "beside" and goal.target == "plate" and is_cutlery(spec.kind, spec.category):
+        text += f", {HANDLES_TO_FRONT[0].format(spec.kind)}"
     return f"Is this step done: {name} {verb} {text}?"
 
 
@@ -382,40 +399,111 @@ def border_of(question: Question) -> float | None:
     return 0.5 * (low + high)
 
 
-def drawn(poser: Poser, make: Callable[[], Question], *, near: bool) -> tuple[Question, float, float | None]:
-    """Return a possible scene: a question, its point on the line, and the border."""
-    for _ in range(TRIES):
+def drawn(
+    poser: Poser, make: Callable[[], Question], *, near: bool, end: float | None = None
+) -> tuple[Question, float, float | None]:
+    """Return a possible scene: a question, its point on the line, and the border.
+
+    Args:
+        poser: Source of random numbers.
+        make: Function that returns a random question.
+        near: Whether the scene is near the border.
+        end: End of the line, 0 or 1, near which a scene lies that is not near the border; None for the whole line,
+            which is also used if half of the tries give no possible scene.
+    """
+    for k in range(TRIES):
         question = make()
         border = None if question.posture else border_of(question)
         if border is None and not question.posture:
             continue
         t = 0.0 if border is None else poser.uniform(0.0, 1.0)
+        if border is not None and end is not None and k < TRIES // 2:
+            t = abs(end - ENDS * t)
         if border is not None and near:
             t = min(1.0, max(0.0, border + poser.uniform(-NEAR, NEAR)))
         if not fault_of(question.setting, question.at(t)):
             return question, t, border
-    raise RuntimeError(f"no possible scene in {TRIES} tries")
+    raise RuntimeError(f"{make}: no possible scene in {TRIES} tries")
 
 
-def draw(out: Path, count: int, seed: int) -> None:
-    """Pose scenes, and write the pictures for the judges and the hidden verdicts."""
-    poser = Poser(seed)
-    goals, harms, postures = (itertools.cycle(items) for items in (*[suite_tasks("better60")] * 2, POSTURES))
+@dataclass(frozen=True)
+class Wanted:
+    """A scene to draw: its kind, the task or posture, and where on its line it lies."""
+
+    kind: str
+    subject: str
+    near: bool
+    end: float | None
+
+    def drawn(self, poser: Poser) -> tuple[Question, float, float | None]:
+        """Return a possible scene with the random numbers of a poser."""
+        make: Callable[[str], Question] = getattr(poser, self.kind)
+        return drawn(poser, partial(make, self.subject), near=self.near, end=self.end)
+
+
+def planned(count: int, *, near_border: Fraction, cutlery: Fraction) -> list[Wanted]:
+    """Return the scenes of a set, in turn over the tasks and postures; the arguments are those of :func:`draw`."""
+    subjects = {kind: itertools.cycle(suite_tasks("better60")) for kind in ("goal", "harm")}
+    subjects["cutlery"] = itertools.cycle(POSTURES)
+    found = []
+    for i in range(count):
+        kind = "goal"
+        if i % 5 == 1:
+            kind = "harm"
+        elif math.floor((i + 2) * cutlery) > math.floor((i + 1) * cutlery):  # the scenes 3, 8, 13 … for a fifth
+            kind = "cutlery"
+        near = math.ceil((i + 1) * near_border) > math.ceil(i * near_border)  # the scenes 0, 2, 4 … for a half
+        end = float(i // 2 % 2) if not near and near_border < HALF else None
+        found.append(Wanted(kind, next(subjects[kind]), near, end))
+    return found
+
+
+def pose_and_show(
+    seed: int, number: int, wanted: Wanted, name: str, shown: Path
+) -> tuple[Question, float, float | None]:
+    """Pose a scene with its own random numbers, write its picture, and return it."""
+    question, t, border = wanted.drawn(Poser(seed, f"scene {number}"))
+    picture(question, question.at(t), name).save(shown / f"{name}.png")
+    return question, t, border
+
+
+def draw(
+    out: Path,
+    count: int,
+    seed: int,
+    *,
+    near_border: Fraction = HALF,
+    cutlery: Fraction = FIFTH,
+    workers: int | None = None,
+) -> None:
+    """Pose scenes, and write the pictures for the judges and the hidden verdicts.
+
+    Args:
+        out: Folder of the set.
+        count: Number of scenes.
+        seed: Seed of the scenes.
+        near_border: Share of scenes near a border. If it is less than half, the others are at the ends of their lines.
+        cutlery: Share of scenes about the posture of cutlery.
+        workers: Number of processes; None for one sequence of random numbers over all scenes.
+    """
     shown, hidden = out / "for_judges", out / "hidden"
     for folder in (shown, hidden):
         folder.mkdir(parents=True, exist_ok=True)
-    found = []
-    for i in range(count):
-        make: Callable[[], Question]
-        if i % 5 == 1:
-            make = partial(poser.harm, next(harms))
-        elif i % 5 == 3:
-            make = partial(poser.cutlery, next(postures))
-        else:
-            make = partial(poser.goal, next(goals))
-        found.append(drawn(poser, make, near=i % 2 == 0))
-        sys.stderr.write(f"posed {i + 1}/{count}: {found[-1][0].setting} {found[-1][0].kind}\n")
-    order = poser.rng.permutation(count)
+    wanted = planned(count, near_border=near_border, cutlery=cutlery)
+    poser = Poser(seed)
+    found: list[tuple[Question, float, float | None]]
+    if workers is None:
+        found = []
+        for i, scene in enumerate(wanted):
+            found.append(scene.drawn(poser))
+            sys.stderr.write(f"posed {i + 1}/{count}: {found[-1][0].setting} {found[-1][0].kind}\n")
+        order = poser.rng.permutation(count)
+    else:  # each scene has its own random numbers, so their order of completion does not matter
+        order = stream("judged_scenes", seed, "order").permutation(count)
+        names = {int(k): f"{number:03d}" for number, k in enumerate(order, start=1)}
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            jobs = [pool.submit(pose_and_show, seed, i, scene, names[i], shown) for i, scene in enumerate(wanted)]
+            found = [job.result() for job in jobs]
     rows, verdicts = [], []
     for number, k in enumerate(order, start=1):
         question, t, border = found[int(k)]
@@ -430,10 +518,13 @@ def draw(out: Path, count: int, seed: int) -> None:
         verdicts.append(
             {**row, "program": verdict, "t": f"{t:.3f}", "border": "" if border is None else f"{border:.3f}"}
         )
-        picture(question, question.at(t), name).save(shown / f"{name}.png")
+        if workers is None:
+            picture(question, question.at(t), name).save(shown / f"{name}.png")
     write_table(shown / "scenes.tsv", rows)
     write_table(hidden / "verdicts.tsv", verdicts)
     (shown / "HOW.md").write_text(HOW, encoding="utf-8")
+    for path in shown.iterdir():  # the order in which pictures were written would tell what was posed
+        os.utime(path, (0.0, 0.0))
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
@@ -575,6 +666,17 @@ def read_answers(path: Path) -> Iterator[tuple[str, tuple[str, str]]]:
             yield cells[0], (cells[1], cells[2])
 
 
+def share(text: str) -> Fraction:
+    """Return a share of the scenes, from 0 to 1."""
+    try:
+        found = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        found = Fraction(-1)
+    if not 0 <= found <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1; write for example 0.15")
+    return found
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw scenes, or compare answers with the program."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -583,12 +685,31 @@ def main(arguments: Sequence[str] | None = None) -> None:
     drawing.add_argument("out", type=Path)
     drawing.add_argument("--count", type=int, default=60, help="number of scenes")
     drawing.add_argument("--seed", type=int, required=True, help="seed of the scenes")
+    drawing.add_argument(
+        "--near-border",
+        type=share,
+        default=HALF,
+        help="share of scenes near a border, by default 0.5; with a smaller share, the others are clearly on one side",
+    )
+    drawing.add_argument(
+        "--cutlery", type=share, default=FIFTH, help="share of scenes about the posture of cutlery, by default 0.2"
+    )
+    drawing.add_argument(
+        "--workers", type=int, default=None, help="number of processes; each scene then has its own random numbers"
+    )
     judging = verbs.add_parser("judge", help="compare answers with the program")
     judging.add_argument("out", type=Path)
     judging.add_argument("answers", type=Path, nargs="+", help="one file per judge")
     wanted = parser.parse_args(arguments)
     if wanted.verb == "draw":
-        draw(wanted.out, wanted.count, wanted.seed)
+        draw(
+            wanted.out,
+            wanted.count,
+            wanted.seed,
+            near_border=wanted.near_border,
+            cutlery=wanted.cutlery,
+            workers=wanted.workers,
+        )
     else:
         for line in judge(wanted.out, wanted.answers):
             print(line)

@@ -19,7 +19,7 @@ from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, Variation, get_task
 from betterbench.tasks.interventions import vary
 
-PICTURE_BYTES = 25_000
+PICTURE_BYTES = 28_000
 """Maximum file size of a card's picture [byte], so that 70 pictures are not larger than the code."""
 _BEST, _WORST, _STEP = 90, 50, 4  # qualities of JPEG that are tried, from the best
 _GAP = 4  # between two pictures that belong together [pixel]

@@ -181,7 +181,11 @@ def test_a_file_has_the_same_quotas_as_the_options() -> None:
 @pytest.mark.parametrize(
     ("until", "quotas", "said"),
     [
-        (10, ["template=loose_packing:60%", "template=patterned_arrangement:50%"], "need 11 tasks, but there are only 10"),
+        (
+            10,
+            ["template=loose_packing:60%", "template=patterned_arrangement:50%"],
+            "need 11 tasks, but there are only 10",
+        ),
         (10, ["context=kitchen:6", "context=pantry:5"], "need 11 tasks"),
         (10, ["axis=temporal:60%", "axis=spatial:50%"], "need 110% of the variations"),
         (10, ["template=loose_packing:1", "template=loose_packing:2"], "is given 2 times"),

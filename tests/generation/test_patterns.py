@@ -157,6 +157,7 @@ def test_every_pick_slot_target_and_grasped_kind_of_a_test_was_trained(task, var
 
 FUNCTION_WORDS = {"put", "stack", "the", "a", "an", "another", "both", "and", "then", "into", "on", "to", "of", "in"}
 FUNCTION_WORDS |= {"next", "left", "right", "upper", "at", "behind", "that", "stands"}
+FUNCTION_WORDS |= {"with", "handle", "handles", "cutlery", "pointing", "front", "not", "side"}
 
 
 @each_condition

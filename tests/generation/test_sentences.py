@@ -29,6 +29,16 @@ ACCEPTED = [
      {"fork": "left", "spoon": "right"}),
     ("Put the spoon to the left of the plate", INSTRUCTION, {"spoon": "left"}),
     ("Put the glass at the upper right of the plate", INSTRUCTION, {"tumbler": "upper_right"}),
+    # the direction of cutlery, and the words of the suite
+    ("Put the fork left of the plate with its handle to the front", INSTRUCTION, {"fork": "left"}),
+    ("Put the fork to the left and the spoon to the right of the plate, with their handles toward the front",
+     INSTRUCTION, {"fork": "left", "spoon": "right"}),
+    (("Put the fork next to the plate on the left and the cup next to the plate at the upper right, with the handle of "
+      "the fork pointing to the front, not to a side"), INSTRUCTION, {"fork": "left", "cup": "upper_right"}),
+    (("Put the fork next to the plate on the left and the spoon next to the plate on the right, with the handles of "
+      "the cutlery pointing to the front, not to a side"), INSTRUCTION, {"fork": "left", "spoon": "right"}),
+    ("Put the mug next to the laptop on the left and the speaker next to it on the right", INSTRUCTION,
+     {"mug": "left", "speaker": "right"}),
     ("Put the mug next to the laptop", INSTRUCTION, {"mug": None}),
     ("Set the mug close to the laptop", INSTRUCTION, {"mug": None}),
     ("Put a mug left of the black laptop and a speaker right of it", INSTRUCTION, {"mug": "left", "speaker": "right"}),
@@ -168,6 +178,12 @@ REFUSED = [
     # words that are not read
     ("Put the mug upside down next to the plate", "upside"),
     ("Put the mug next to the laptop with its handle to the right", "handle"),
+    ("Put the mug left of the plate with its handle to the front", "handle"),
+    ("Put the fork and the cup next to the plate, with their handles to the front", "their"),
+    ("Put the fork left of the plate with the handle of the cup to the front", "handle"),
+    ("Put the fork left of the plate with its handle to the left", "handle"),
+    ("Put the fork left of the plate with its handle to the front and its head to the left", "head"),
+    ("Put the red mug on the ring of the coffee machine with its handle to the front", "handle"),
     ("Put the red and the blue plate on the white plate", "red"),
     ("Put the banana into the lunchbox", "banana"),
     ("Put the purple mug on the ring of the coffee machine", "purple"),

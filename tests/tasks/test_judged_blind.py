@@ -95,10 +95,10 @@ def test_without_next_to_a_person_accepts_what_lies_far_from_the_plate():
 
 
 def test_scenes_posed_afterwards_agree_but_near_borders():
-    """Nine differ, four of them things pushed by 4 to 5 cm: docs/sides.md lists them."""
+    """Eight differ, four of them things pushed by 4 to 5 cm: docs/sides.md lists them."""
     disagreed = [scene for scene in HELD_OUT if accepts(scene) is not scene.accepted]
     assert len(HELD_OUT) == 80
-    assert len(disagreed) <= 9, disagreed
+    assert len(disagreed) <= 8, disagreed
     assert {scene.kind for scene in disagreed} <= {"beside", "on_plate", "harm"}
 
 
@@ -150,13 +150,13 @@ def test_a_third_set_differs_only_where_the_judges_are_unsure():
     ]
 
 
-def test_a_fourth_set_near_the_borders_differs_in_one_scene_of_sure_judges():
-    """A spoon on its edge, which all three judges accept. Fourteen of 60 differ; half lie close to a border."""
+def test_a_fourth_set_near_the_borders_differs_only_where_the_judges_are_unsure():
+    """Twelve of 60 differ; half lie close to a border. Fourteen did while cutlery had to lie flat on the table."""
     disagreed = [scene for scene in FOURTH if accepts(scene) is not scene.accepted]
     sure = [scene for scene in FOURTH if scene.kind.endswith(", sure")]
     assert (len(FOURTH), len(sure)) == (60, 36)
-    assert len(disagreed) <= 14, disagreed
-    assert [(s.setting, s.pair) for s in disagreed if s in sure] == [("breakfast_table/R1", "spoon > plate")]
+    assert len(disagreed) <= 12, disagreed
+    assert [(s.setting, s.pair) for s in disagreed if s in sure] == []
     assert all(s.accepted for s in disagreed)  # the program accepted nothing that people do not
 
 

@@ -38,6 +38,7 @@ from betterbench.tasks.interventions import vary
 from betterbench.tasks.interventions.balanced import balanced_conditions
 from betterbench.tasks.relations import RELATIONS, relation, released
 from betterbench.tasks.relations.beside import side_of
+from betterbench.tasks.relations.loose import lowest
 
 LIMITS = THRESHOLDS.to_json()
 ANGLES = (0.0, 0.9, math.pi / 2, 2.4, math.pi, -1.1)
@@ -250,7 +251,7 @@ def test_nothing_is_at_a_side_at_the_start_wherever_it_may_stand(task):
 def test_beside_wants_it_upright_on_the_table(at_reset, posed, spot):
     task, anchor, side, thing = spot
     state = at_reset(task, "train1")
-    limit = THRESHOLDS.upright_tilt
+    limit = LIMITS["side_level"] if thing == "fork" else THRESHOLDS.upright_tilt
     for tilt, expected in ((limit - 0.002, side), (0.002 - limit, side), (limit + 0.002, None), (-limit - 0.002, None)):
         assert where("beside", lay(state, posed, anchor, side, thing, tilt=tilt), thing, anchor) == expected
     assert where("beside", lay(state, posed, anchor, side, thing, tilt=math.pi / 2), thing, anchor) is None
@@ -286,36 +287,64 @@ def test_cutlery_at_a_plate_points_away_from_the_eater(at_reset, posed, anchor_y
 
 @pytest.mark.parametrize("thing", ["fork", "spoon"])
 @pytest.mark.parametrize("anchor_yaw", [0.0, 2.5])
-def test_cutlery_at_a_plate_may_lie_face_down(at_reset, posed, thing, anchor_yaw):
+def test_cutlery_at_a_plate_may_lie_on_any_side(at_reset, posed, thing, anchor_yaw):
     state = at_reset("breakfast_table", "train1")
     state = posed(state, poses={"plate": Pose(state.pose("plate").position, from_yaw(anchor_yaw))})
-    limit, turn = LIMITS["side_face_down"], LIMITS["side_turn"]
-    for lean, heading, z, expected in (
-        (0.0, 0.0, 0.0, "left"),
-        (limit - 0.002, 0.0, 0.0, "left"),
-        (0.002 - limit, 0.0, 0.0, "left"),
-        (limit + 0.002, 0.0, 0.0, None),
-        (0.0, turn - 0.005, 0.0, "left"),
-        (0.0, -turn - 0.005, 0.0, None),
-        (0.0, math.pi, 0.0, None),
-        (0.0, 0.0, LIMITS["side_height"] - HALF_MM, "left"),
-        (0.0, 0.0, LIMITS["side_height"] + HALF_MM, None),
+    turn = LIMITS["side_turn"]
+    for roll, heading, z, expected in (
+        (math.pi, 0.0, 0.0, "left"),
+        (math.pi / 2, 0.0, 0.0, "left"),
+        (-math.pi / 2, 0.0, 0.0, "left"),
+        (2.0, 0.0, 0.0, "left"),
+        (math.pi, turn - 0.005, 0.0, "left"),
+        (math.pi, -turn - 0.005, 0.0, None),
+        (math.pi, math.pi, 0.0, None),
+        (math.pi / 2, math.pi, 0.0, None),
+        (math.pi, 0.0, LIMITS["side_height"] - HALF_MM, "left"),
+        (math.pi, 0.0, LIMITS["side_height"] + HALF_MM, None),
     ):
         there = lay(state, posed, "plate", "left", thing)
         assert (
-            where("beside", rolled_over(there, posed, thing, lean=lean, heading=heading, z=z), thing, "plate")
+            where("beside", rolled_over(there, posed, thing, roll=roll, heading=heading, z=z), thing, "plate")
             == expected
         )
 
 
-def rolled_over(state, posed, thing, *, lean, heading, z):
-    """Return the state with a thing rolled onto its face about its length, over the point on which it lay."""
+def rolled_over(state, posed, thing, *, roll, heading, z):
+    """Return the state with a thing rolled about its length; its lowest point is at a height, where its middle was."""
     pose, height = state.pose(thing), state.info.object(thing).size_m[2]
-    roll = from_axis_angle((math.pi + lean, 0.0, 0.0))
-    q = normalize(multiply(pose.quaternion, multiply(from_yaw(heading), roll)))
-    px, py, pz = pose.apply(base_of(state, thing))
-    x, y, up = rotate(q, (*base_of(state, thing)[:2], height))
-    return posed(state, poses={thing: Pose((px - x, py - y, pz - up + z), q)}, contacts=((thing, "table"),))
+    q = normalize(multiply(pose.quaternion, multiply(from_yaw(heading), from_axis_angle((roll, 0.0, 0.0)))))
+    px, py, pz = pose.apply((0.0, 0.0, 0.5 * height))
+    x, y, up = rotate(q, (0.0, 0.0, 0.5 * height))
+    there = posed(state, poses={thing: Pose((px - x, py - y, pz - up), q)}, contacts=((thing, "table"),))
+    raised = z - lowest(there, thing)
+    return posed(there, poses={thing: Pose((px - x, py - y, pz - up + raised), q)}, contacts=((thing, "table"),))
+
+
+def test_cutlery_may_lie_on_cutlery_that_lies_on_the_table(at_reset, posed):
+    state = at_reset("breakfast_table", "train1")
+    limit = LIMITS["side_crossing"]
+    state = dataclasses.replace(state, contacts=())
+    on_spoon, on_plate = (("fork", "spoon"), ("spoon", "table")), (("fork", "plate"), ("plate", "table"))
+    for z, contacts, expected in (
+        (0.014, on_spoon, "left"),
+        (0.014, (*on_spoon, ("fork", "table")), "left"),
+        (limit - HALF_MM, on_spoon, "left"),
+        (limit + HALF_MM, on_spoon, None),
+        (0.014, (("fork", "spoon"), ("spoon", "left_finger")), None),
+        (0.014, on_plate, None),
+        (0.014, (("fork", "table"),), None),
+        (0.014, (("fork", "cup"), ("cup", "table")), None),
+    ):
+        there = lay(state, posed, "plate", "left", "fork", at=(0.0, 0.0, z), contacts=contacts)
+        assert where("beside", there, "fork", "plate") == expected, (z, contacts)
+
+
+def test_cutlery_that_leans_on_the_plate_is_not_next_to_it(at_reset, posed):
+    state, contacts = at_reset("breakfast_table", "train1"), (("fork", "table"), ("fork", "plate"))
+    for tilt, expected in ((THRESHOLDS.upright_tilt - 0.002, "left"), (THRESHOLDS.upright_tilt + 0.002, None)):
+        there = lay(state, posed, "plate", "left", "fork", tilt=tilt, contacts=contacts)
+        assert where("beside", there, "fork", "plate") == expected
 
 
 @pytest.mark.parametrize("turn", [0.5, math.pi / 2, 3.0])

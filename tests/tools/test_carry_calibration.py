@@ -127,3 +127,58 @@ def test_every_judged_trial_needs_a_record_that_is_judged_again(carry_judged, ca
     (carry_judged.folder / "calibration.json").write_bytes(carry_judged.file.read_bytes())
     assert carry_calibration.main([str(carry_judged.folder), "--file", str(carry_judged.file)]) == 2
     assert "it has 0 records, but 1 trials were judged" in capsys.readouterr().err
+
+
+@pytest.fixture
+def carry_sample(tmp_path, carry_calibration):
+    """Runs the script on two trials and on a sample of them, whose instructions are worded anew."""
+    file, before, sample = tmp_path / "packaged.json", tmp_path / "before", tmp_path / "sample"
+    trials = [judged(trial="fast_food/train1/0"), judged(trial="fast_food/train2/0")]
+    found = Calibration.of(trials, versions=OLD)
+    file.write_bytes(found.file_bytes())
+
+    def place(folder: Path, name: str) -> Path:
+        path = folder / "expert-100" / "records" / "fast_food" / name / "0.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def run(new: dict[str, str], *, old: dict[str, str] | None = None, change: bool = False) -> int:
+        for name in ("train1", "train2"):
+            record = Stage("fast_food", name).wait(1.0).end()
+            was = dataclasses.replace(record.metadata, instruction=(old or {}).get(name, record.metadata.instruction))
+            write_record(dataclasses.replace(record, metadata=was), place(before, name))
+            if name in new:
+                now = dataclasses.replace(record.metadata, instruction=new[name])
+                time = record.time + 1.0 if change else record.time
+                write_record(dataclasses.replace(record, metadata=now, time=time), place(sample, name))
+        (before / "calibration.json").write_bytes(found.file_bytes())
+        return carry_calibration.main([str(before), "--sample", str(sample), "--file", str(file)])
+
+    run.file = file
+    return run
+
+
+def test_a_sample_with_a_new_wording_is_enough(carry_sample):
+    assert carry_sample({"train1": "Pack both.", "train2": "Pack two."}) == 0
+    versions = Calibration.from_json(carry_sample.file.read_bytes(), where="packaged").versions
+    assert versions["task_version:fast_food"] == str(get_task("fast_food").version)
+
+
+@pytest.mark.parametrize(
+    ("new", "options", "text"),
+    [
+        ({"train1": "Pack both."}, {}, "no trial of fast_food/train2"),
+        ({"train1": "Pack.", "train2": "Pack."}, {}, "two instructions correspond to one: 'fast_food: Pack.'"),
+        (
+            {"train1": "Pack both.", "train2": "Pack two."},
+            {"old": {"train1": "Same.", "train2": "Same."}},
+            "two instructions correspond to one: 'fast_food: Same.'",
+        ),
+        ({"train1": "Pack both.", "train2": "Pack two."}, {"change": True}, "time differs from the old version"),
+    ],
+)
+def test_a_sample_that_differs_in_more_than_the_wording_is_refused(carry_sample, capsys, new, options, text):
+    before = carry_sample.file.read_bytes()
+    assert carry_sample(new, **options) == 2
+    assert text in capsys.readouterr().err
+    assert carry_sample.file.read_bytes() == before

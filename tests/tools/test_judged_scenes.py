@@ -56,6 +56,23 @@ def test_a_drawn_scene_is_possible_and_its_line_crosses_a_border(scenes, task):
     assert question.question.startswith("Is this step done: the ")
 
 
+@pytest.mark.render
+def test_the_folder_for_judges_holds_no_verdict_and_several_processes_give_the_same(scenes, tmp_path):
+    sets = []
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        scenes.main(["draw", str(out), "--count", "2", "--seed", "4", "--near-border", "0", "--workers", workers])
+        shown = {path.name: path.read_bytes() for path in (out / "for_judges").iterdir()}
+        assert sorted(shown) == ["001.png", "002.png", "HOW.md", "scenes.tsv"]
+        assert {path.stat().st_mtime for path in (out / "for_judges").iterdir()} == {0.0}
+        table = shown["scenes.tsv"].decode().splitlines()
+        assert table[0] == "number\tkind\tinstruction\tquestion"
+        hidden = (out / "hidden" / "verdicts.tsv").read_text()
+        assert "program" in hidden.splitlines()[0]
+        sets.append((shown, hidden))
+    assert sets[0] == sets[1]
+
+
 def test_the_seed_decides_what_is_asked(scenes):
     first, again, other = (scenes.Poser(seed).cutlery("slanted").at(0.0) for seed in (1, 1, 2))
     assert first == again != other
@@ -76,6 +93,58 @@ def test_a_scene_in_which_something_is_pushed_away_is_not_possible(scenes):
     start, _ = arranged(setting, "fork plate.left z=2 settle")
     assert scenes.fault_of(setting, "fork slot:front z=0 settle") != "", "the cup stands there"
     assert start.info.object("cup").slot == "front"
+
+
+def planned(scenes, count, **shares):
+    """Returns the kind of each scene of a set, whether it is near the border, and its end of the line."""
+    both = {"near_border": scenes.HALF, "cutlery": scenes.FIFTH} | {n: scenes.share(v) for n, v in shares.items()}
+    return [(wanted.kind, wanted.near, wanted.end) for wanted in scenes.planned(count, **both)]
+
+
+def test_by_default_half_of_the_scenes_are_near_the_border(scenes):
+    asked = planned(scenes, 10)
+    assert [near for _, near, _ in asked] == [True, False] * 5
+    assert [kind for kind, _, _ in asked] == ["goal", "harm", "goal", "cutlery", "goal"] * 2
+    assert {end for _, _, end in asked} == {None}
+
+
+def test_a_set_as_a_person_would_check_is_ordinary(scenes):
+    asked = planned(scenes, 40, near_border="0.15", cutlery="0.1")
+    assert sum(near for _, near, _ in asked) == 6
+    kinds = [kind for kind, _, _ in asked]
+    assert (kinds.count("cutlery"), kinds.count("harm"), kinds.count("goal")) == (4, 8, 28)
+    for kind in ("goal", "harm"):
+        ends = [end for k, near, end in asked if k == kind and not near]
+        assert min(ends.count(0.0), ends.count(1.0)) >= 0.3 * len(ends)
+    assert {end for _, near, end in asked if near} == {None}
+
+
+def test_the_tasks_of_the_suite_take_turns(scenes):
+    subjects = [w.subject for w in scenes.planned(50, near_border=scenes.HALF, cutlery=scenes.FIFTH)]
+    assert len({subjects[i] for i in range(50) if i % 5 == 1}) == 10
+    assert set(subjects[3::5]) == set(scenes.POSTURES)
+
+
+@pytest.mark.parametrize(("end", "low", "high"), [(0.0, 0.0, 0.2), (1.0, 0.8, 1.0)])
+def test_an_ordinary_scene_is_at_an_end_of_its_line(scenes, end, low, high):
+    poser = scenes.Poser(5)
+    question, t, _ = scenes.drawn(poser, lambda: poser.goal("cheeseburger"), near=False, end=end)
+    assert low <= t <= high
+    assert question.accepted(t) is (end == 0.0)
+
+
+@pytest.mark.parametrize("text", ["2", "-0.1", "some", "1/0"])
+def test_a_share_is_a_number_from_0_to_1(scenes, capsys, tmp_path, text):
+    with pytest.raises(SystemExit):
+        scenes.main(["draw", str(tmp_path), "--seed", "1", f"--near-border={text}"])
+    assert f"{text!r} is not a number from 0 to 1" in capsys.readouterr().err
+
+
+def test_the_question_states_the_direction_of_cutlery(scenes):
+    question = scenes.Poser(3).cutlery("slanted")
+    assert question.question.endswith(
+        ", with the handle of the " + question.thing + " pointing to the front, not to a side?"
+    )
 
 
 @pytest.fixture

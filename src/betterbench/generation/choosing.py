@@ -27,6 +27,7 @@ from betterbench.generation.sentence_words import (
     sentence_tokens,
 )
 from betterbench.generation.stated_goal import READ_WORDS, example_about, goal_problems, stated_goal
+from betterbench.generation.stated_goal.direction import ARRANGED, without_direction
 from betterbench.generation.vocabulary import COLLECTIVES, known_nouns
 from betterbench.sim.assets.catalogue.expansion import COLORS
 from betterbench.sim.assets.catalogue.terms import terms
@@ -232,6 +233,7 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
         InvalidInputError: If an object, or an object of a color, is not in the library's vocabulary of the template.
     """
     grammar = grammar_of(template)
+    sentence = without_direction(sentence) if template == ARRANGED else sentence
     tokens, raw = sentence_tokens(sentence), raw_tokens(sentence)
     _require_nouns(tokens)
     nouns, found, used = _nouns(template), list[Wanted](), set[int]()

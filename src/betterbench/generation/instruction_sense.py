@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.generation.sentence_words import RESULTS, color_before, phrase_heads, sentence_tokens, words_of_object
 from betterbench.generation.stated_goal import goal_problems, stated_goal
+from betterbench.generation.stated_goal.direction import read_text
 from betterbench.generation.vocabulary import collective, head_nouns, known_nouns
 from betterbench.sim.assets.catalogue.expansion import COLORS
 from betterbench.sim.assets.catalogue.terms import terms
@@ -56,9 +57,8 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
     allowed too, and so is the result of an assembly ("a sandwich"). A color before a known noun must be the color of
     such an object. "Fruit", "toys" and other collectives need at least one such object.
     """
-    text = scenario.instruction
     for problem, cure in (
-        *_sentence_problems(text),
+        *_sentence_problems(scenario.instruction, read_text(scenario)),
         *_chain_problems(scenario, template),
         *goal_problems(scenario, template),
         *noun_problems(scenario, template),
@@ -66,8 +66,9 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
         yield "instruction", problem, cure
 
 
-def _sentence_problems(text: str) -> Iterator[tuple[str, str]]:
-    words = re.findall(r"[\w'-]+", text)
+def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
+    """Yield the problems of a sentence; the direction of cutlery, which is not in ``read``, may make it longer."""
+    words = re.findall(r"[\w'-]+", read)
     if not text.endswith(".") or text.count(".") > 1:
         yield f"{text!r} is not one sentence that ends with a period", "Write one sentence with one period at its end"
     if not FEWEST_WORDS <= len(words) <= MOST_WORDS:
@@ -122,7 +123,7 @@ def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str,
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())
     free |= frozenset(terms(scenario.context))
-    tokens = sentence_tokens(scenario.instruction)
+    tokens = sentence_tokens(read_text(scenario))
     cure = "Name only objects of the scenario"
     said: set[str] = set()
     for at, noun in known_nouns(tokens):

@@ -69,12 +69,13 @@ from betterbench.vqa.question import (
 )
 from betterbench.vqa.types import candidates_of
 
-SET_SCHEMA_VERSION = 5
+SET_SCHEMA_VERSION = 6
 """Version of the files and questions of a set. A set of another version cannot be continued.
 
-Version 5 has each answer equally often in each phrasing; version 4 has the boxes of all objects of a question; version
-3 has new phrasings and balances the kinds of question within each type. Sets of all versions can be read; version 1
-sets have no checksums and are read with a warning.
+Version 6 states the direction of cutlery in the steps at a plate; version 5 has each answer equally often in each
+phrasing; version 4 has the boxes of all objects of a question; version 3 has new phrasings and balances the kinds of
+question within each type. Sets of all versions can be read; version 1 sets have no checksums
+and are read with a warning.
 """
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")

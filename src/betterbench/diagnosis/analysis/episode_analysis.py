@@ -42,7 +42,7 @@ class AttemptTarget(StrEnum):
     LATER = "later"
     """A later step refers to the object, and an earlier step of the ordered instruction is still open."""
     REPEATED = "repeated"
-    """Only a step that is already done refers to the object."""
+    """Only a step that is already done refers to the object, or to one that lies on it: a finished stack."""
     OTHER = "other"
     """Another instruction of the task refers to the object, or the object is the target of a placement."""
     FOREIGN = "foreign"
@@ -815,6 +815,8 @@ def _compared(
         at = grasp.object if grasp.object is not None else _missed(trace, grasp, needed)
     open_now = {i for g in due for i in wanted[g]}
     target = _target_of(trace, at, needed=needed, due=open_now, known=known)
+    if target is AttemptTarget.OTHER and finished_on(trace, instruction, chosen, at):
+        target = AttemptTarget.REPEATED
     between = _between(trace, grasp, at, needed) if target is AttemptTarget.ASKED else None
     if astride is not None:
         between, grasp = astride[1], replace(grasp, object=None)
@@ -831,6 +833,21 @@ def _compared(
         at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
     return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
+
+
+def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None) -> tuple[int, ...]:
+    """Return the objects that lie on an object because of a finished step: together they are a finished stack.
+
+    A container is not part of a stack with its contents, nor is an object with those next to it on the table.
+    """
+    return tuple(
+        i
+        for g, goal in enumerate(instruction.subgoals)
+        if at is not None and trace.targets[g] == at and at in trace.items and trace.done[row, g]
+        if relation(goal.relation).surface is not None and not relation(goal.relation).falls
+        for i in trace.meant[g]
+        if trace.serves[row, g, i]
+    )
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:

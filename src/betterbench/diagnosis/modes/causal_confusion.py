@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from betterbench.diagnosis.analysis.approaches import shuts
-from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step, finished_on
 from betterbench.diagnosis.analysis.halts import find_halt
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
@@ -50,7 +50,9 @@ def _find(trial: TrialView) -> Evidence | None:
                 continue
             if missing is not None:
                 return episode.at_step("required_step_skipped", _without(episode, step, missing), step)
-            text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."
+            on_it = finished_on(episode.trace, episode.instruction, step.grasp.start, step.at)
+            done = f"the {episode.kind(on_it[0])} already lies there" if on_it else "that step is done"
+            text = f"It goes for {episode.describe(step)}, although {done}; {episode.asked_for(step)}."
             return episode.at_step("finished_step_repeated", text, step)
         if step.target is AttemptTarget.LATER and step.goal is not None:
             if episode.attempted_after(step.goal, step.grasp.start):

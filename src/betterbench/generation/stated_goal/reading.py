@@ -18,6 +18,7 @@ from betterbench.generation.sentence_words import (
     sentence_tokens,
     words_of_object,
 )
+from betterbench.generation.stated_goal.direction import read_text
 from betterbench.generation.stated_goal.relations import (
     GATHERED,
     HOLES,
@@ -93,8 +94,9 @@ class Reader:
             o.instance_name: self.roles.get(g, "item") for g, objects in scenario.groups.items() for o in objects
         }
         self.surfaces = SURFACES | frozenset(terms(scenario.context))
-        self.raw = raw_tokens(scenario.instruction)
-        self.tokens = sentence_tokens(scenario.instruction)
+        text = read_text(scenario)
+        self.raw = raw_tokens(text)
+        self.tokens = sentence_tokens(text)
         self.mentions = {mention.at: mention for mention in self._mentions()}
         self.taken = {i for mention in self.mentions.values() for i in range(mention.at, mention.end)}
         self.positions: list[int] = []
@@ -162,6 +164,10 @@ class Reader:
             if length:
                 meaning = RELATIONS[tuple(self.tokens[at : at + length])]
                 target, place, position, end = self._target(at + length)
+                side = self._side_at(end) if meaning == "beside" and (target is not None or place == "it") else None
+                if side is not None:
+                    meaning, end = side
+                    length = end - at
                 if not self._is_idiom(at, meaning, place):
                     words = " ".join(self.raw[at : at + length])
                     yield Said(words, meaning, tuple(pending), target, place, position)
@@ -184,6 +190,14 @@ class Reader:
         # "on the bottom" is not a relation in "on the bottom bun"
         free = (n for n in lengths if at not in self.taken and at + n - 1 not in self.taken)
         return next((n for n in free if tuple(self.tokens[at : at + n]) in RELATIONS), 0)
+
+    def _side_at(self, at: int) -> tuple[str, int] | None:
+        """Return the side that follows in "next to the plate on the left", with its end, or None."""
+        length = self._relation_length(at)
+        meaning = RELATIONS[tuple(self.tokens[at : at + length])] if length else ""
+        if meaning not in SIDES or self._target(at + length)[:2] != (None, ""):
+            return None
+        return meaning, at + length
 
     def _is_idiom(self, at: int, meaning: str, place: str) -> bool:
         """Return whether the words of a relation have an idiomatic meaning: "to go", "in one pile"."""

@@ -1,6 +1,6 @@
 """Building blocks of a task file: typed values for objects, slots, instructions, conditions and operations."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from betterbench.tasks.authoring.condition_matrix import ConditionMatrix, MatrixCell
 from betterbench.tasks.authoring.operations import (
@@ -30,7 +30,7 @@ from betterbench.tasks.authoring.templates import (
 from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot, TargetRegion
-from betterbench.tasks.relations.beside import BESIDE, CLOSE_TO, SIDES
+from betterbench.tasks.relations.beside import BESIDE, CLOSE_TO, HANDLES_TO_FRONT, SIDES, is_cutlery
 from betterbench.tasks.relations.closed import CLOSED
 from betterbench.tasks.relations.in_hole import IN_HOLE
 from betterbench.tasks.relations.inside import INSIDE
@@ -133,14 +133,21 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
     Args:
         anchor: Object with the sides.
         *steps: Objects with their sides.
-        close: Whether the instruction says "next to"; at a plate, objects must then be close to the plate.
+        close: Whether the instruction says "next to", and the direction of cutlery. Required for a round anchor such as
+            a plate: objects must be close to it, and the handle of cutlery must point to the front.
     """
     at = f"the {anchor.kind}"
     parts = [
         f"the {thing.kind} {CLOSE_TO[side].format(at) if close else f'{SIDES[side]} {at}'}" for thing, side in steps
     ]
     goals = (subgoal(f"{t.name}_{side}", BESIDE, t, anchor, side, word=t.kind) for t, side in steps)
-    return Instruction(f"Put {', '.join(parts[:-1])} and {parts[-1]}.", tuple(goals))
+    cutlery = [thing.kind for thing, _ in steps if close and is_cutlery(thing.kind, thing.category)]
+    direction = f", {HANDLES_TO_FRONT[len(cutlery) > 1].format(cutlery[0])}" if cutlery else ""
+    return Instruction(f"Put {_listed(parts)}{direction}.", tuple(goals))
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else parts[0]
 
 
 def condition(

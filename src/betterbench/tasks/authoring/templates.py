@@ -8,7 +8,7 @@ PATTERNED_ARRANGEMENT = Template(
     description="Put the named objects to the named sides of the anchor, in any order.",
     challenge="Relative placement: a side moves and turns with its anchor.",
     goal=(
-        "Each named object stands or lies at its named side, cutlery with its head away from the eater, "
+        "Each named object stands or lies at its named side, cutlery at a plate with its handle to the front, "
         "at rest and released; no other object was brought to a side."
     ),
     premise="The named objects are in their slots, and the named sides are free.",

@@ -1,14 +1,15 @@
 """Relation "beside": an object at a named side of an anchor."""
 
+import functools
 import math
 
-from betterbench.geometry import IDENTITY_QUATERNION, Vector, tilt_of, yaw_of
+from betterbench.geometry import IDENTITY_QUATERNION, Vector, rotate, yaw_of
 from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import lowest, middle
-from betterbench.tasks.relations.placing import foot, foot_offset, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import SHARED, PlaceGoal, Relation, offers_each, register
 from betterbench.tasks.relations.rest import upright
-from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 SIDES = {
     "left": "to the left of",
@@ -25,6 +26,14 @@ CLOSE_TO = {
     "upper_right": "next to {} at the upper right",
 }
 """Words for the same sides in place-setting instructions, whose pieces are close to the plate."""
+
+CUTLERY = frozenset({"fork", "spoon", "knife", "teaspoon", "spork"})
+"""Nouns of objects whose handle points to the front when they lie at a plate."""
+HANDLES_TO_FRONT = (
+    "with the handle of the {} pointing to the front, not to a side",
+    "with the handles of the cutlery pointing to the front, not to a side",
+)
+"""Words for this direction, of one piece and of several. They come last, because a cup has a handle too."""
 
 REACH = threshold(
     "side_reach",
@@ -94,17 +103,26 @@ TURN = threshold(
     "side_turn",
     math.radians(45.0),
     "rad",
-    "Largest angle at which the head of a long object at a plate still points away from the eater; people accepted 24 "
-    "degrees, and rejected 54 and 159 to 179 degrees.",
+    "Largest angle at which the handle of cutlery at a plate still points to the front, as its instruction says: "
+    "beyond 45 degrees, it points more to a side. Before instructions said so, people accepted 24 degrees, and one "
+    "judge rejected 54 and 159 to 179 degrees.",
     "Larger: cutlery may be askew; more success, fewer execution_failure.",
 )
-FACE_DOWN = threshold(
-    "side_face_down",
+LEVEL = threshold(
+    "side_level",
     math.radians(12.0),
     "rad",
-    "Largest angle from upside down at which a long object at a plate lies face down on the table; a fork on its "
-    "curved tines is 7 degrees off. People accepted a fork and a spoon that lay face down.",
-    "Larger: cutlery may lean more while upside down; more success, fewer execution_failure.",
+    "Largest angle between the table and the length of cutlery at a plate, which may lie face down or on its edge; a "
+    "fork on its curved tines is 7 degrees off, and a fork across a spoon 11 degrees. People accepted all of them.",
+    "Larger: cutlery may lean more; more success, fewer execution_failure.",
+)
+CROSSING = threshold(
+    "side_crossing",
+    0.02,
+    "m",
+    "Height above the anchor's foot up to which cutlery may lie on another piece of cutlery; handles are 14 mm high. "
+    "People accepted a fork on a spoon and a fork across a spoon.",
+    "Larger: cutlery on a higher pile is at the side; more success, fewer execution_failure.",
 )
 LONG_RATIO = threshold(
     "long_ratio",
@@ -124,20 +142,36 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     The center of the object's foot is on the table, next to the anchor: up to 24 cm from its edge, or 7.5 cm from the
     edge of a plate. The foot may be at most 2.5 cm nearer, farther back or farther to a side than the anchor reaches.
     "At the upper right" covers directions between right and behind; those up to the diagonal also count as right. The
-    object is upright as intended for its asset. Cutlery at a plate may also lie face down, and its head points away
-    from the eater.
+    object is upright as intended for its asset. The handle of cutlery at a plate points to the front. Cutlery may also
+    lie face down, on its edge, or on another piece of cutlery.
     """
-    if not state.touching(name, "table"):  # cheapest test first: a carried object fails here
+    thing, target = state.info.object(name), state.info.object(anchor)
+    on_table = state.touching(name, "table")
+    if not on_table and not is_cutlery(thing.kind, thing.category):  # cheapest test first: a carried object fails here
         return None
-    setting = _is_round(state.info.object(anchor)) and _is_long(state.info.object(name))
-    face_down = setting and math.pi - tilt_of(state.quaternion(name)) <= FACE_DOWN
-    x, y, z = state.pose(anchor).inverse().apply(_top(state, name) if face_down else foot(state, name))
-    if z > HEIGHT:
+    laid = is_laid(thing, target)
+    if not on_table and not (laid and _lies_on_cutlery(state, name)):
         return None
-    side = side_of(state.info.object(anchor), x, y)
-    if side is None or not (face_down or upright(state, name)):
+    stands = upright(state, name)
+    frame = state.pose(anchor).inverse()
+    x, y, z = frame.apply(foot(state, name) if stands else _below_middle(state, name))
+    if z > HEIGHT and not (laid and z <= CROSSING and _lies_on_cutlery(state, name)):
         return None
-    return side if not setting or _points_away(state, name, anchor) else None
+    side = side_of(target, x, y)
+    if side is None or not (stands or (laid and _is_level(state, name, anchor))):
+        return None
+    return side if not laid or _points_to_front(state, name, anchor) else None
+
+
+def is_laid(thing: ObjectInfo, anchor: ObjectInfo) -> bool:
+    """Return whether an object is cutlery in a place setting around an anchor: its handle points to the front."""
+    return _is_round(anchor) and _is_long(thing) and is_cutlery(thing.kind, thing.category)
+
+
+@functools.cache
+def is_cutlery(kind: str, category: str) -> bool:
+    """Return whether the noun or the category of an object is that of cutlery."""
+    return not CUTLERY.isdisjoint((kind.rsplit(" ", maxsplit=1)[-1], category.rsplit("_", maxsplit=1)[-1]))
 
 
 def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
@@ -202,15 +236,30 @@ def _is_long(info: ObjectInfo) -> bool:
     return length >= LONG_RATIO * width
 
 
-def _top(state: WorldState, name: str) -> Vector:
-    """Return the point above an object's base at the height of its bounding box, in the world [m]."""
-    info = state.info.object(name)
-    x, y, z = foot_offset(info)
-    return state.pose(name).apply((x, y, info.size_m[2] - z))
+def _below_middle(state: WorldState, name: str) -> Vector:
+    """Return the point below the middle of an object, at the height of its lowest point, in the world [m]."""
+    x, y, _ = middle(state, name)
+    return (x, y, lowest(state, name))
 
 
-def _points_away(state: WorldState, name: str, anchor: str) -> bool:
-    """Return whether the head of a long object points away from the eater, as in a place setting."""
+def _is_level(state: WorldState, name: str, anchor: str) -> bool:
+    """Return whether the length of an object is level, whichever side is up, and it does not lean on the anchor."""
+    _, _, rise = rotate(state.quaternion(name), (1.0, 0.0, 0.0))
+    limit = THRESHOLDS.upright_tilt if state.touching(name, anchor) else LEVEL
+    return abs(rise) <= math.sin(limit)
+
+
+def _lies_on_cutlery(state: WorldState, name: str) -> bool:
+    """Return whether an object touches a piece of cutlery that lies on the table."""
+    return any(
+        o.name != name and state.touching(name, o.name) and state.touching(o.name, "table")
+        for o in state.info.objects
+        if is_cutlery(o.kind, o.category)
+    )
+
+
+def _points_to_front(state: WorldState, name: str, anchor: str) -> bool:
+    """Return whether the handle of cutlery points to the front, where the eater sits."""
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
     return abs(math.remainder(turn, 2.0 * math.pi)) <= TURN
 
@@ -218,12 +267,12 @@ def _points_away(state: WorldState, name: str, anchor: str) -> bool:
 def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
     """Return goals at the center of a side.
 
-    Long objects lie along the anchor; cutlery at a plate points away from the eater.
+    Long objects lie along the anchor; the handle of cutlery at a plate points to the front.
     """
     frame, info = state.pose(anchor), state.info.object(name)
     middle = (frame @ state.info.object(anchor).region(side).pose).position
     facing, now = yaw_of(frame.quaternion), yaw_of(state.pose(name).quaternion)
-    if _is_long(info) and _is_round(state.info.object(anchor)):
+    if is_laid(info, state.info.object(anchor)):
         yaws = [facing]
     elif _is_long(info):
         yaws = sorted((facing, facing + math.pi), key=lambda yaw: abs(math.remainder(yaw - now, 2.0 * math.pi)))
@@ -250,7 +299,8 @@ BESIDE = register(
             "side_right_up_to",
             "side_height",
             "side_turn",
-            "side_face_down",
+            "side_level",
+            "side_crossing",
             "long_ratio",
         ),
         goals=_goals,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from betterbench.tasks import Subgoal
 from betterbench.tasks.relations import relation
-from betterbench.tasks.relations.beside import SIDES
+from betterbench.tasks.relations.beside import CLOSE_TO, HANDLES_TO_FRONT, SIDES, is_laid
 from betterbench.vqa.episode import Act
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
@@ -85,13 +85,15 @@ def step_words(moment: Moment, goal: Subgoal) -> str:
     """Return a step as an imperative phrase: "put the burger in the box"."""
     info = moment.state.info
     number = moment.condition.instruction.subgoals.index(goal)
-    target = info.objects[moment.episode.trace.targets[number]].kind
-    meant = moment.episode.trace.meant[number]
+    anchor = info.objects[moment.episode.trace.targets[number]]
+    target, meant = anchor.kind, moment.episode.trace.meant[number]
     thing = info.objects[meant[0]].kind if meant else goal.word
     if not relation(goal.relation).carried:
         return f"close {definite(thing)}"
     if goal.relation == "in_hole":
         where = f"in hole {goal.region.rpartition('_')[2]} of {definite(target)}"
+    elif goal.relation == "beside" and meant and is_laid(info.objects[meant[0]], anchor):
+        where = f"{CLOSE_TO[goal.region].format(definite(target))}, {HANDLES_TO_FRONT[0].format(thing)}"
     elif goal.relation == "beside":
         where = f"{SIDES[goal.region]} {definite(target)}"
     elif goal.relation == "layer":

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 from betterbench.geometry import horizontal_distance
 from betterbench.tasks.relations import is_at
-from betterbench.tasks.relations.beside import BESIDE, SIDES
+from betterbench.tasks.relations.beside import BESIDE, SIDES, is_laid, side_of
+from betterbench.tasks.relations.placing import foot
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Form, QuestionDraft
@@ -87,6 +88,11 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
     except LookupError:
         return
     info = moment.state.info.object(anchor[1])
+    if side is None and is_laid(moment.state.info.object(thing[1]), info):
+        # at a side in another direction, where the instruction is not carried out but a person says yes
+        x, y, _ = moment.state.pose(anchor[1]).inverse().apply(foot(moment.state, thing[1]))
+        if side_of(info, x, y) is not None:
+            return
     for region in BESIDE.regions(info):
         words = {"a": definite(thing[0]), "b": definite(anchor[0]), "side": SIDES[region]}
         group = (region, thing[0], anchor[0])

@@ -1,0 +1,45 @@
+"""Direction of cutlery in an instruction, the only direction that a goal has."""
+
+from __future__ import annotations
+
+import re
+
+from betterbench.generation.scenario import Scenario
+from betterbench.generation.sentence_words import sentence_tokens
+from betterbench.generation.vocabulary import known_nouns
+from betterbench.tasks.relations.beside import CUTLERY
+
+ARRANGED = "patterned_arrangement"
+_COLLECTIVES = frozenset({"cutlery", "silverware", "flatware"})
+_ANCHORS = frozenset({"plate", "dish", "saucer", "platter", "laptop"})
+_CLAUSE = re.compile(
+    r",?\s*(?:and )?with (?P<whose>its|their|the) handles?(?: of (?P<of>the \w+(?:(?:,| and)+ the \w+)*))?"
+    r"(?: pointing| facing| turned)? (?:to|toward|towards) the front(?: edge)?(?: of the table)?"
+    r"(?:,?(?: and)? not to (?:a|the|either) side)?(?=[,.]| and\b|$)",
+    re.IGNORECASE,
+)
+
+
+def without_direction(text: str) -> str:
+    """Return an instruction without clauses such as "with its handle to the front", said of cutlery.
+
+    Every arranged piece of cutlery points this way next to a plate, so the clause adds nothing to the goal. It stays in
+    the text if it is said of another object, which has no direction, or states another direction.
+    """
+    return _CLAUSE.sub(lambda found: "" if _is_of_cutlery(found) else found[0], text)
+
+
+def read_text(scenario: Scenario) -> str:
+    """Return the part of a scenario's instruction that is read word by word."""
+    text = scenario.instruction
+    return without_direction(text) if scenario.template == ARRANGED else text
+
+
+def _is_of_cutlery(found: re.Match[str]) -> bool:
+    if found["of"]:
+        owners = [word for word in sentence_tokens(found["of"]) if word not in ("the", "and", ",")]
+    else:
+        before = sentence_tokens(found.string[: found.start()])
+        owners = [noun[-1] for at, noun in known_nouns(before) if at and noun[-1] not in _ANCHORS]
+        owners = owners if found["whose"].lower() == "their" else owners[-1:]
+    return bool(owners) and set(owners) <= CUTLERY | _COLLECTIVES
