@@ -82,7 +82,7 @@ counted as independent. The trials of one behavior fail or pass together; over b
 The 43 faulty behaviors are known from learned policies. Examples are lagging, averaging two objects, acting on old
 chunks, rapid opening and closing of the gripper, closing too late, slipping off an edge, turning away and freezing.
 
-All 13 mistakes are of two behaviors. `a-little-farther-each-time` starts toward the right object, turns back and
+All 13 mistakes are of two behaviors. `a-little-farther-each-time` starts toward the correct object, turns back and
 starts again, a little farther each time, until the step limit. Its true label is a timeout; the diagnosis gives
 `phase_conflict` (to and fro) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after a
 right first step, and one of its twelve trials is a `phase_conflict`. The diagnosis has not been changed since.
@@ -108,12 +108,12 @@ diagnosis was run. They are judged once and not packaged:
     a 95 % interval of 91.0 to 96.0 % if trials are treated as independent. The trials of one behavior
 fail or pass together; over behaviors the interval is 86 to 100 %. It meets the other bounds: 97 % by kind, 90 %
 without a grasp, and no honest policy accused. Two of its 54 behaviors account for 18 of the 22 mistakes, each in all of
-its 9 trials. `stabs-with-one-finger` repeatedly comes down on the right object so that one finger of its open gripper
+its 9 trials. `stabs-with-one-finger` repeatedly comes down on the correct object so that one finger of its open gripper
 presses on its top, and `fails-at-the-second` does so after a right first step. Both fail in execution; the diagnosis
 gives `timeout`. Neither is a failure of reasoning, so the kind is right. In the other four trials, the policy sweeps
 wrong objects aside with an open gripper: the diagnosis finds motion to and fro in two of them and an accidental
 displacement in the other two. In 9 of the 22 trials, a right first step was grasped; in the other 13, the gripper
-closes on nothing. The diagnosis has been repaired since: an open gripper that runs into the right object three times,
+closes on nothing. The diagnosis has been repaired since: an open gripper that runs into the correct object three times,
 and rises each time, has failed in execution, and an object that an empty gripper approaches and moves three times
 counts as its target. With these rules, 364 of the 365 failed trials get their label, but the rules were written for
 these trials. In the last trial, a look-alike is moved once and then missed. The numbers below estimate the accuracy on
@@ -122,7 +122,7 @@ other policies.
 """,
     "fourth": """**It misses three of the four bounds** that were set before: 95 % by label, 97 % by kind and 90 %
 without a grasp. It meets the fourth: no honest policy is accused. Two of its 42 behaviors account for 24 of the 30
-mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the right object in wide zigzags until the step
+mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the correct object in wide zigzags until the step
 limit: it is slow, but the diagnosis finds motion to and fro. `shuts-it-empty` closes the drawer before its object is
 inside, and rests: it skips a step, but the diagnosis finds a halt. In the other six trials, the policy pushes objects
 with closed fingers: the diagnosis finds motion to and fro in five of them and an accidental displacement in one. In

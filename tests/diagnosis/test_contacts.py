@@ -80,7 +80,7 @@ def test_a_closing_between_two_objects_tells_of_neither(stage, share):
     near_each_other(s, asked, other, apart=0.11)
     found = diagnose_record(close_between(s, asked, other, share).wait(5).end())
     assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_between")
-    assert "the apple, the right target, and the lemon, which is as near" in found.evidence.text
+    assert "the apple, the correct object, and the lemon, which is as near" in found.evidence.text
     assert "either may have been the target" in found.evidence.text
     assert found.intention_correct is None
     assert (found.first_attempt, found.first_slot) == (None, None)

@@ -16,7 +16,7 @@ def said_of(s):
 def test_verbs_agree_with_the_fries(stage):
     s = stage("fast_food", "R1")
     text = said_of(s.bring(s.of("fries"), s.goal(0) + np.array([-0.2, 0.0, 0.0])))
-    assert "The fries, the right target, are let go outside the goal" in text
+    assert "The fries, the correct object, are let go outside the goal" in text
 
 
 def test_what_was_harmed_is_said_with_the_place(stage):
@@ -109,7 +109,8 @@ def test_what_slips_out_just_above_the_table_was_not_let_go(stage):
     verdict = diagnose_record(s.home().wait(4).end())
     assert verdict.evidence.rule == "dropped"
     assert (
-        "The fries, the right target, slip out of the closed gripper and stay outside the goal" in verdict.evidence.text
+        "The fries, the correct object, slip out of the closed gripper and stay outside the goal"
+        in verdict.evidence.text
     )
 
 

@@ -23,9 +23,9 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
 
 MEMORIZED_PLACE = "memorized_place"
-"""Evidence rule for a right object placed at its training target instead of the requested one."""
+"""Evidence rule for a correct object placed at its training target instead of the requested one."""
 
-WRONG_PLACES = "It brings the right objects to wrong targets; this run does not show why."
+WRONG_PLACES = "It brings the correct objects to wrong targets; this run does not show why."
 """Conclusion for a policy whose wrong targets are not explained by training."""
 
 _SHOWN = 4
@@ -114,7 +114,7 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on right objects at wrong targets if nearly all failures are of this kind, or an empty text.
+    """Return a sentence on correct objects at wrong targets if nearly all failures are of this kind, or an empty text.
 
     The text is also empty if training explains nearly all of these targets, which is then a habit.
 
@@ -129,7 +129,7 @@ def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
 
 
 def _is_misplaced(trial: TrialDiagnosis) -> bool:
-    """Return whether a trial's deciding evidence is a right object at a wrong target."""
+    """Return whether a trial's deciding evidence is a correct object at a wrong target."""
     if trial.evidence.rule in ("place_of_another_instruction", MEMORIZED_PLACE):
         return True
     undecided = trial.label is Label.WRONG_OBJECT and trial.evidence.rule == "undecided"

@@ -32,7 +32,7 @@ SQUEEZES = threshold("squeezes", 3, "1",
     "attempt; one or two may be flicker of the command.",
     "Larger: fewer partial closings are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
-    "Number of failed or prematurely released grasps of the right object that make the trial an execution failure, "
+    "Number of failed or prematurely released grasps of the correct object that make the trial an execution failure, "
     "even if the gripper holds the object at the step limit; honest policies had at most two.",
     "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
     "timeout.")
@@ -79,7 +79,7 @@ RETREAT = threshold("retreat", 0.15, "m",
     "Distance that an open gripper must move away from its position over an object before coming back is a return.",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
-    "Number of times that an open gripper must come over the right object, leaving it in between, for the motion to "
+    "Number of times that an open gripper must come over the correct object, leaving it in between, for the motion to "
     "count as moving back and forth. None of 645 honest trials of the independent family had even two before the first "
     "grasp.",
     "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
@@ -95,7 +95,7 @@ FLICKER_TIME = threshold("flicker_time", 0.25, "s",
     "events, more wrong_object by a stay.",
     listed=False)
 
-# Pushes, and failed ways of taking the right object.
+# Pushes, and failed ways of taking the correct object.
 PUSH_TRAVEL = threshold("push_travel", 0.08, "m",
     "Minimum distance over which an empty gripper must move an object for a push; honest policies of the independent "
     "family moved no object by more than 1 cm without grasping it, in 297 trials.",
@@ -120,7 +120,7 @@ PUSH_AGAIN = threshold("push_again", 3, "1",
     "Larger: fewer objects count as pushed by repeated contact; fewer wrong_object and execution_failure, more "
     "timeout.")
 SHOVED_AGAIN = threshold("shoved_again", 2, "1",
-    "Number of times that an empty gripper must move the right object aside, without ever grasping it, for the grasp "
+    "Number of times that an empty gripper must move the correct object aside, without ever grasping it, for the grasp "
     "to have failed. For a wrong object more contacts or a push are required, because an arm may run into it on its "
     "way.",
     "Larger: more shoves are tolerated; fewer execution_failure, more timeout.")
@@ -133,9 +133,9 @@ CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
     "to the object width before they descend.",
     "Larger: fewer partial closings are intended grasps; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
-    "Number of times that an open gripper must descend, run into the right object and rise again for the grasp to "
+    "Number of times that an open gripper must descend, run into the correct object and rise again for the grasp to "
     "have failed. A policy that is merely slow does not run into the object.",
-    "Larger: more contacts with the right object are tolerated; fewer execution_failure, more timeout.")
+    "Larger: more contacts with the correct object are tolerated; fewer execution_failure, more timeout.")
 RISEN_AGAIN = threshold("risen_again", 0.03, "m",
     "Height by which a gripper must rise after a partial closing, or after a contact from above, for that attempt to "
     "be given up.",
@@ -155,7 +155,7 @@ LEAST_REGION = threshold("least_region", 0.02, "m",
     "Larger: fewer small motions are back and forth; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "Minimum fraction of its distance to the right object by which a path's center must come nearer from each quarter "
+    "Minimum fraction of its distance to the correct object by which a path's center must come nearer from each quarter "
     "to the next for the path to lead there. The center of undecided motion back and forth does not come nearer.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 

@@ -57,10 +57,10 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
     short="inertia",
-    definition="A step that is frequent in training is started without an instruction; the step that followed in "
-    "training is executed without an instruction or at an empty slot; or the right object is placed where its kind "
-    "was placed in training, even if the target is no longer there. If an object must not be touched: the open "
-    "gripper stays over it, or closes while passing over it.",
+    definition="The policy starts a frequent training step that is not instructed; it executes the step that followed "
+    "in training, not instructed or at an empty slot; or it places the correct object where training placed its kind, "
+    "even if the target is no longer there. If an object must not be touched: the open gripper stays over it, or "
+    "closes while passing over it.",
     conclusion="It repeats the habitual step of training, requested or not.",
     sharper=sharper_by_rule(
         {
@@ -142,7 +142,7 @@ def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> 
 
 
 def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the right object is placed where training placed its kind, instead of the requested region."""
+    """Return evidence if the correct object is placed where training placed its kind, instead of the requested region."""
     found = episode.wrong_place(step)
     if found is None or step.at is None:
         return None

@@ -35,7 +35,8 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
-    definition="The arm does not move for 3 s or more until the end, while steps are open and no attempt is under way.",
+    definition="The arm does not move for at least the last 3 s, while steps are unfinished and no attempt is under "
+    "way.",
     conclusion="It stops before the task is done.",
     sharper=_sharper,
     finding="Stops for good with steps left to do",

@@ -23,8 +23,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     short="lexical",
-    definition="The first attempt is at the place where a word of the instruction led in training, at another object "
-    "that is there now and that some instruction of the task asks to move.",
+    definition="A word of the instruction led to a slot in training, and the first attempt is at another object that "
+    "is now in this slot. Some other instruction of the task asks to move this object.",
     conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
     finding="Goes where the word led in training, to another object",
     rule=WORD,

@@ -34,8 +34,9 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.PHASE_CONFLICT,
     short="phase",
-    definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper moves back and forth until the end, displaces nothing, and does not approach an instructed object.",
+    definition="The initial state looks like the middle of a demonstration, and the arm freezes without an attempt; or "
+    "the empty gripper moves back and forth until the end, displaces no object, and does not approach an instructed "
+    "object.",
     conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves back and forth.",
     sharper=sharper_by_rule(
         {
@@ -127,7 +128,7 @@ def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
-    """Return evidence if the open gripper repeatedly comes over the right object and leaves again until the end."""
+    """Return evidence if the open gripper repeatedly comes over the correct object and leaves again until the end."""
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)
@@ -136,7 +137,7 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
     if rows is None or failed:
         return None
     text = (
-        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the right target, and leaves again until "
+        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the correct object, and leaves again until "
         "the end, and never grasps."
     )
     return episode.evidence("to_and_fro", text, rows=rows, objects=(stay.at,))

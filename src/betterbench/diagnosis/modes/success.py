@@ -11,7 +11,8 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.SUCCESS,
     short="solved",
-    definition="The goal is met, at rest and released, before the step limit, and nothing else was harmed.",
+    definition="The goal is met before the step limit, with its objects at rest and released, and no other object was "
+    "harmed.",
 )
 def _find(trial: TrialView) -> Evidence | None:
     return _success(trial, (Expected.SUCCEED,), "The goal is met.")
@@ -20,7 +21,7 @@ def _find(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_FREEZE,
     short="stayed still",
-    definition="No step was left to do, nothing was touched or approached, and the arm came to rest.",
+    definition="No step was left, the arm came to rest, and no object was touched or approached.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return evidence that the arm correctly did nothing."""
