@@ -249,7 +249,7 @@ def test_right_objects_at_wrong_targets_are_not_called_wrong_objects():
     headline = headline_of(diagnosis(varied(range(10), Label.WRONG_OBJECT, rule=place)))
     assert headline.conclusion == said
     alone = [replace(t, variation=None) for t in varied(range(10), Label.WRONG_OBJECT, rule=place)]
-    assert "right objects to wrong targets" in headline_of(diagnosis(alone)).conclusion
+    assert "correct objects to wrong targets" in headline_of(diagnosis(alone)).conclusion
     mixed = [*varied(range(5), Label.WRONG_OBJECT, rule=place), *varied(range(5, 10), Label.WRONG_OBJECT, rule=other)]
     assert headline_of(diagnosis(mixed)).conclusion != said
 
