@@ -131,7 +131,7 @@ def test_a_clumsy_hand_is_told_how(rules, how):
     ],
 )
 def test_an_arm_that_knocks_things_over_before_any_attempt_is_not_said_to_go_for_the_right_ones(rules, said):
-    """Seen on a policy that sweeps over the table: intention accuracy 33 %, and yet "It goes for the correct objects"."""
+    """Seen on a policy that sweeps over the table with intention accuracy 33 %: "It goes for the correct objects"."""
     wild = {"intention_correct": False, "attempts": ()}
     trials = [t for s, rule in enumerate(rules) for t in varied([s], Label.EXECUTION_FAILURE, rule=rule, **wild)]
     conclusion = headline_of(diagnosis(trials)).conclusion

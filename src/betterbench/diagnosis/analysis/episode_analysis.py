@@ -69,7 +69,7 @@ _MEANS_WORDS = {
     Means.STAY: " (the open gripper stays over it)",
     Means.TRY: " (its fingers hardly move)",
 }
-_INSTRUCTION_WORDS = ("instructed", "the instruction asks for", "the instruction puts")
+_INSTRUCTION_WORDS = ("steps left: ", "the instruction asks for", "the instruction puts")
 """Phrases that show that an evidence text already states the instruction."""
 
 
@@ -437,13 +437,13 @@ class EpisodeAnalysis:
         """Return evidence for row spans and objects, with time, position and instruction appended to its text."""
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
-        facts = [f"{float(time[first]):.1f} s"]
+        facts = [f"Time: {float(time[first]):.1f} s"]
         place = self._place(first, objects[0]) if objects else ""
-        if place and place.removeprefix("at ") not in text:
-            facts.append(place)
+        if place and place not in text:
+            facts.append(f"location: {place}")
         if not any(words in text for words in _INSTRUCTION_WORDS):
-            facts.append(f"instructed next: {self.asked_at(first)}")
-        said = f"{text.removesuffix('.')} ({', '.join(facts)})."
+            facts.append(f"next step: {self.asked_at(first)}")
+        said = f"{text.removesuffix('.')}. {'; '.join(facts)}."
         return Evidence(
             rule, said, float(time[first]), float(time[end]), tuple(self.name(i) for i in objects), shared, candidates
         )
@@ -452,7 +452,7 @@ class EpisodeAnalysis:
         """Return the instruction words of the due steps at a row, with the object kinds to which they refer."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
-        return listed(due) or "nothing"
+        return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
         """Return the instruction words of the subgoals that are open at a row, each once."""
@@ -472,12 +472,12 @@ class EpisodeAnalysis:
             return ""
         place = trace.placed(row, i)
         if place is not None:
-            return f"at the {self.kind(place.target)}"
+            return f"the {self.kind(place.target)}"
         slot = trace.slot_of(row, i, THRESHOLDS.slot_reach)
         if slot is not None:
             return f"slot {slot!r}"
         x, y, z = trace.positions[row, i].tolist()
-        return f"at x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
+        return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
         """Return evidence for an attempt."""

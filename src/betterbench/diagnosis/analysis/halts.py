@@ -38,8 +38,8 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     the arm trembles in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
 
     A pause after which the arm continues is slowness, not a halt, and a final stop that is shorter than an earlier
-    pause may be a pause too. An arm that holds the correct object at its target region, or has descended to it with open
-    fingers, has halted only if it does not move at all; otherwise, the gripper fails to open or to close.
+    pause may be a pause too. An arm that holds the correct object at its target region, or has descended to it with
+    open fingers, has halted only if it does not move at all; otherwise, the gripper fails to open or to close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None

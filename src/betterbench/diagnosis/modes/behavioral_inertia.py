@@ -142,7 +142,7 @@ def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> 
 
 
 def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the correct object is placed where training placed its kind, instead of the requested region."""
+    """Return evidence if the correct object is placed at its kind's training target instead of the requested one."""
     found = episode.wrong_place(step)
     if found is None or step.at is None:
         return None
@@ -235,5 +235,5 @@ def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     what = repr(words[0]) if words else f"the {' or the '.join(kinds)}"
     asked = episode.asked_for(step)
-    text = f"The gripper closes on nothing at slot {slot!r}, where {what} was picked in training; {asked}."
+    text = f"The gripper closes without an object at slot {slot!r}, where {what} was picked in training; {asked}."
     return episode.at_step("air_grasp_at_memorized_slot", text, step)

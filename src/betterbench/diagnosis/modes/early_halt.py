@@ -51,5 +51,5 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     held = in_fingers(episode.trace, halt[1])
     how = "" if held is None else f" with the {episode.kind(held)} in the gripper"
-    text = f"The arm stands still to the end{how}; instructed and not yet done: {listed(episode.open_words(halt[0]))}."
+    text = f"The arm stands still to the end{how}; steps left: {listed(episode.open_words(halt[0]))}."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

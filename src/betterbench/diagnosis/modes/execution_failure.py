@@ -136,7 +136,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     many = len(kinds) > 1 or any(map(is_plural, kinds))
     state = "are" if many else "is"
     which = f": the {listed(kinds)} {state} not at rest and released at the target" if kinds else " for long enough"
-    text = f"Every attempt was right, but the goal is not met at the end{which}."
+    text = f"Every attempt was correct, but the goal is not met at the end{which}."
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
 
@@ -297,7 +297,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
         gaps = trace.box_distances(closing.end, tool)
         near = min(trace.items, key=lambda i: (gaps[i], i), default=None)
         where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest object"
-        text = f"The gripper closes on nothing{where}; the instruction asks for {episode.asked_words(due[0])}."
+        text = f"The gripper closes without an object{where}; the instruction asks for {episode.asked_words(due[0])}."
         return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))
     return None
 
@@ -474,7 +474,7 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
     row, g = min(found)
     kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
     was, now = agreeing(kinds, "was", "were"), agreeing(kinds, "is", "are")
-    text = f"The {kinds} {was} in the right place and {now} knocked away."
+    text = f"The {kinds} {was} at the target and {now} knocked away."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 
@@ -495,5 +495,5 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     part = "gripper" if trace.touched[row, i] else "arm" if trace.by_arm[row, i] else None
     kind = episode.kind(i)
     what = f"The {part} brushes against the {kind}" if part else f"The {kind} {agreeing(kind, 'is', 'are')} moved"
-    text = f"{what}, although nothing may be touched."
+    text = f"{what}, although no object may be touched."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))

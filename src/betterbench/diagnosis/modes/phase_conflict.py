@@ -69,7 +69,7 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
     where = f"between {listed(names)}" if (names := _names(episode, rows)) else "without a recognizable target"
-    text = f"The empty gripper moves to and fro {where} until the end, {way:.1f} m in total, and never grasps."
+    text = f"The empty gripper moves back and forth {where} until the end, {way:.1f} m in total, and never grasps."
     return episode.evidence("to_and_fro", text, rows=rows)
 
 
@@ -86,8 +86,8 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
     text = (
-        "The scene looks like the middle of a demonstration, nothing is left to do, and the empty gripper moves to "
-        f"and fro until the end, {way:.1f} m in total."
+        "The scene looks like the middle of a demonstration, no step is left, and the empty gripper moves back and "
+        f"forth until the end, {way:.1f} m in total."
     )
     return episode.evidence("to_and_fro", text, rows=rows)
 
@@ -137,8 +137,8 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
     if rows is None or failed:
         return None
     text = (
-        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the correct object, and leaves again until "
-        "the end, and never grasps."
+        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the correct object, and leaves again "
+        "until the end, and never grasps."
     )
     return episode.evidence("to_and_fro", text, rows=rows, objects=(stay.at,))
 

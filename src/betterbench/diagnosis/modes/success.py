@@ -25,7 +25,7 @@ def _find(trial: TrialView) -> Evidence | None:
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return evidence that the arm correctly did nothing."""
-    return _success(trial, (Expected.STAY_STILL,), "No step was left to do, and nothing was touched.")
+    return _success(trial, (Expected.STAY_STILL,), "No step was left, and no object was touched.")
 
 
 @FailureMode(
@@ -36,7 +36,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
 def _find_refusal(trial: TrialView) -> Evidence | None:
     """Return evidence that the arm correctly took no other object when the requested one is absent."""
     return _success(
-        trial, (Expected.REFUSE, Expected.AMBIGUOUS), "The target is absent, and nothing forbidden was touched."
+        trial, (Expected.REFUSE, Expected.AMBIGUOUS), "The target is absent, and no forbidden object was touched."
     )
 
 

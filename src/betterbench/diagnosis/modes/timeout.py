@@ -44,7 +44,7 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     last = episode.trace.rows - 1
     words = listed(episode.open_words(last))
-    tail = f"; instructed and not yet done: {words}" if words else ""
+    tail = f"; steps left: {words}" if words else ""
     rule, course = _stuck(episode) or ("step_limit", _course(episode, last))
     return episode.evidence(rule, f"The step limit is reached {course}{tail}.", rows=(last, last))
 
@@ -68,7 +68,7 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
     if kept is None:
         return None
     kind = episode.kind(kept)
-    return "never_opens", f"with the {kind} in a gripper that reached the right place and never opened"
+    return "never_opens", f"with the {kind} in a gripper that reached the target and never opened"
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
@@ -89,5 +89,5 @@ def _course(episode: EpisodeAnalysis, last: int) -> str:
     if stay is not None:
         return _over(episode, stay)
     if not episode.steps and not episode.open_words(last):
-        return "by an arm that had nothing to do and did not keep still"
-    return "although every attempt was right" if episode.steps else "on the way to a first attempt"
+        return "by an arm that had no step left and did not stay still"
+    return "although every attempt was correct" if episode.steps else "on the way to a first attempt"
