@@ -69,7 +69,7 @@ def index_page(tasks: Sequence[Task]) -> str:
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` renders one pair at any size for any seed. [What the cameras show]"
+                "`better show TASK/VARIATION` renders one pair at any size for any seed. [Camera framing]"
                 "(framing.md) measures the images and lists the rooms. [Add a task](adding-a-task.md) "
                 "explains how to write a task of your own."
             ),
