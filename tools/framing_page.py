@@ -110,8 +110,8 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 "`better eval --looks unseen` uses held-out looks of objects and rooms, which do not occur in "
-                "demonstrations. The packaged certificate covers the seen looks; `better certify --looks unseen` makes a certificate "
-                "for the unseen looks. Runs with different looks are not compared."
+                "demonstrations. The packaged certificate covers the seen looks; `better certify --looks unseen` "
+                "makes a certificate for the unseen looks. Runs with different looks are not compared."
             ),
             "",
         ]

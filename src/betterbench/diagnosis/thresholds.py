@@ -95,7 +95,7 @@ FLICKER_TIME = threshold("flicker_time", 0.25, "s",
     "events, more wrong_object by a stay.",
     listed=False)
 
-# Pushes, and failed ways of taking the correct object.
+# Pushes, and failed grasps of the correct object.
 PUSH_TRAVEL = threshold("push_travel", 0.08, "m",
     "Minimum distance over which an empty gripper must move an object for a push; honest policies of the independent "
     "family moved no object by more than 1 cm without grasping it, in 297 trials.",

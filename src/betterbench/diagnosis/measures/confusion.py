@@ -113,7 +113,7 @@ class Calibration:
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
         without_grasp: Correctly labeled trials, out of the failed trials without a grasp attempt.
         accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
-        left_out: Number of trials that are not judged, because they show nothing about the policy's fault.
+        left_out: Number of trials that are not judged, because they are not evidence about the policy's fault.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -161,7 +161,7 @@ class Calibration:
 
     @property
     def failed_kinds(self) -> Rate:
-        """Trials with a label of the right kind, among trials whose true label is a failure."""
+        """Trials with a label of the correct kind, among trials whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 

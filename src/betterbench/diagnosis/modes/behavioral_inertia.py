@@ -1,4 +1,4 @@
-"""Behavioral inertia: a frequent step of training is started without a request, or executed without its object."""
+"""Behavioral inertia: a frequent training step is executed although it is not requested, or without its object."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the scene offers the usual first step, target or slot of training without a request for it.
+    """Return whether the usual first step, target or slot of training is possible in the scene but not requested.
 
-    Grasps at an emptied slot are included if they replace a step, or if nothing may be grasped. They are excluded if
-    another object is in a slot to which a word of the instruction led in training, because a first grasp there is
-    another failure mode.
+    Grasps at an emptied slot are included if they replace a step, or if no object may be grasped. They are excluded if
+    another object is in a slot to which a word of the instruction led in training, because a first grasp in this slot
+    is another failure mode.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
@@ -158,7 +158,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object's position would be right if the target were still in its training slot."""
+    """Return evidence if an object's position would be correct with the target in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None

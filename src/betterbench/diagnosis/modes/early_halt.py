@@ -1,4 +1,4 @@
-"""Early halt: the arm stops for good while subgoals are open."""
+"""Early halt: the arm stops permanently while subgoals are unfinished."""
 
 from __future__ import annotations
 

@@ -53,19 +53,19 @@ _UNTOLD = {
     "missed_between": "between two objects",
     "missed_by_far": "far from all objects",
 }
-"""Descriptions of closing on nothing with an unknown target, by evidence rule."""
+"""Descriptions of empty grasps with an unknown target, by evidence rule."""
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return the position of the first closing without a recognizable target, or an empty text."""
+    """Return the position of the first grasp without a recognizable target, or an empty text."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether the first attempt or the evidence rule of a trial shows that the target was right.
+    """Return whether the first attempt or the evidence rule of a trial shows that the target was correct.
 
-    Any object may be knocked over or brushed against, so the rules for that do not show the target.
+    Any object may be knocked over or brushed against, so the rules for these do not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
@@ -124,7 +124,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return evidence for an episode in which every attempt was right but the goal was missed."""
+    """Return evidence for an episode in which every attempt was correct but the goal was not met."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
         text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
@@ -141,7 +141,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
 
 
 def _of_step(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence of a failed manipulation after one right decision, or None."""
+    """Return evidence of a failed manipulation after one correct decision, or None."""
     episode = trial.episode
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
@@ -189,7 +189,7 @@ def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return clauses about a gripper that closes between two objects, and about why its target is ambiguous."""
+    """Return clauses about a gripper that closes between two objects, and about the reason for the ambiguous target."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -335,7 +335,7 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
-    """Return evidence if the gripper released a drawer halfway and nothing moved it further."""
+    """Return evidence if the gripper released a drawer halfway and the drawer was not moved further."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
         return None  # the episode ended while the gripper was on the drawer
     text = f"The gripper moves the {episode.kind(drawer)}, the correct object, and leaves it halfway."
@@ -373,7 +373,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
     """Return whether an object was put back where it stood before the attempt, and the next attempt is wrong.
 
-    Then the manipulation did not fail; the policy abandoned the correct object for another one.
+    The manipulation then did not fail; the policy abandoned the correct object for another object.
     """
     trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
     if i is None or gone < step.grasp.release:

@@ -76,8 +76,8 @@ def _find(trial: TrialView) -> Evidence | None:
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the empty gripper moves back and forth where the object of a trained step is missing.
 
-    The scene looks half finished, and nothing is left to do: the paper's phase conflict II. Where all trained steps are
-    finished, restlessness alone is no evidence of a wrong phase.
+    The scene looks half finished, and no step is left: the paper's phase conflict II. If all trained steps are
+    finished, such motion alone is not evidence of a wrong phase.
     """
     if not episode.condition.mid_task_look or episode.steps or not _misses_an_object(episode):
         return None
@@ -93,7 +93,7 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _misses_an_object(episode: EpisodeAnalysis) -> bool:
-    """Return whether no object of the scene fits a step that training had for the same instruction."""
+    """Return whether the object of a training step for the same instruction is missing from the scene."""
     condition = episode.condition
     present = {o.kind for o in condition.objects}
     return any(
@@ -105,7 +105,7 @@ def _misses_an_object(episode: EpisodeAnalysis) -> bool:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the empty gripper moves an object aside after its last closing, or leads to a requested object."""
+    """Return whether the empty gripper moves an object aside after its last grasp, or approaches a requested object."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]

@@ -84,7 +84,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
-    """Return the properties that the object of an attempt shares with the requested one: color, shape, trained slot."""
+    """Return the properties shared by the attempted and the requested object: color, shape, trained slot."""
     if step.at is None:
         return ()
     found = episode.trace.info.objects[step.at]

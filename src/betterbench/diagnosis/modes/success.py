@@ -24,7 +24,7 @@ def _find(trial: TrialView) -> Evidence | None:
     definition="No step was left, the arm came to rest, and no object was touched or approached.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
-    """Return evidence that the arm correctly did nothing."""
+    """Return evidence that the arm correctly stayed still."""
     return _success(trial, (Expected.STAY_STILL,), "No step was left, and no object was touched.")
 
 
@@ -34,7 +34,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
     definition="The instructed object was absent, and no other object was attempted or moved instead.",
 )
 def _find_refusal(trial: TrialView) -> Evidence | None:
-    """Return evidence that the arm correctly took no other object when the requested one is absent."""
+    """Return evidence that the policy correctly left other objects alone when the requested object is absent."""
     return _success(
         trial, (Expected.REFUSE, Expected.AMBIGUOUS), "The target is absent, and no forbidden object was touched."
     )

@@ -1,4 +1,4 @@
-"""Timeout: the step limit is reached with open subgoals although no wrong attempt was made."""
+"""Timeout: the step limit is reached with unfinished subgoals and without a wrong attempt."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ LOOSE_PACKING = Template(
     exclusive=True,
     order="named",
 )
-"""Named objects go into a container, in any pose, but drinks not on their side; no other object does."""
+"""Named objects, and no others, go into a container, in any pose; drinks must not lie on their side."""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",

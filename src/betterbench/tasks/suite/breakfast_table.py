@@ -1,4 +1,4 @@
-"""Laying the breakfast table: fork, cup and spoon go to their places around the plate."""
+"""Laying the breakfast table: fork, cup and spoon go to their sides of the plate."""
 
 from betterbench.tasks import authoring as a
 

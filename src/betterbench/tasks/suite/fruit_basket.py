@@ -8,8 +8,8 @@ LEMON, MANGOSTEEN = a.item("lemon"), a.item("mangosteen")
 BLOCK, SOAP = a.distractor("block", color="red"), a.distractor("soap_bar", color="white")
 BASKET = a.container("basket", "fruit basket")
 
-# 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m, and at least 15 cm from where the tool starts: an
-# open gripper that rests above an object counts as an interaction. Both layouts use the same four slots.
+# 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m, and at least 15 cm from the initial tool
+# position: an open gripper that rests above an object counts as an interaction. Both layouts use the same four slots.
 NEAR = a.Slot("near", 0.118, 0.127, jitter_m=0.01)
 RIGHT = a.Slot("right", 0.257, 0.142, jitter_m=0.01)
 MIDDLE = a.Slot("middle", 0.180, 0.218, jitter_m=0.01)
@@ -125,7 +125,7 @@ def fruit_basket() -> a.Task:
     def long(name: str, *do: Operation, title: str, says: str, expected: a.Expected = STILL) -> a.Variation:
         broken = expected is AMBIGUOUS
         started = lemon_in in do or in_basket in do
-        # After the lemon, the paper's policy grasps at where the missing mangosteen lay: 10 s show whether it does.
+        # After the lemon, the paper's policy grasps at the slot of the missing mangosteen; 10 s suffice to show this.
         watch = 200 if expected is a.Expected.SUCCEED and lemon_in not in do and no_lemon not in do else 0
         return a.Variation(
             name, do, title, says, "train3", expected, mid_task_look=started, premise_broken=broken, watch_steps=watch
