@@ -290,17 +290,14 @@ BY_COLOR = {"train1": RED, "train2": BLUE, "L3": RED, "L4": BLUE}
 
 def test_words_that_are_taken_for_one_another_are_named():
     trials = mugs(BY_PLACE, lambda name, asked, _: asked if name.startswith("train") else OTHER[asked])
-    said = "It takes words for one another: 'bottom' for 'top' and 'top' for 'bottom' (6 of 6 trials with these words)."
+    said = "It confuses words: 'bottom' for 'top' and 'top' for 'bottom' (6 of 6 trials with these words)."
     assert headline_of(diagnosis(trials)).conclusion == said
 
 
 def test_confused_words_are_named_although_single_trials_fit_several_rules():
     labels = (Label.WRONG_OBJECT, Label.BEHAVIORAL_INERTIA, RULE, Label.VISUAL_LAYOUT_BIAS)
     trials = mugs(BY_COLOR, lambda *a: OTHER[a[1]], labels)
-    assert (
-        "It takes words for one another: 'blue' for 'red' and 'red' for 'blue'"
-        in headline_of(diagnosis(trials)).conclusion
-    )
+    assert "It confuses words: 'blue' for 'red' and 'red' for 'blue'" in headline_of(diagnosis(trials)).conclusion
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
     pairs = [f"{word!r} for {taken[word]!r}" for word in words[:_SHOWN]]
     more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
     counted = f"{rate.k} of {plural(rate.n, 'trial')} with these words"
-    return f"It takes words for one another: {listed(pairs)}{more} ({counted})."
+    return f"It confuses words: {listed(pairs)}{more} ({counted})."
 
 
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
