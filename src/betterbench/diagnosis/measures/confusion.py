@@ -18,26 +18,28 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FAMILIES: dict[str, str] = {
-    "faulty": "Every faulty policy moves as well as the expert and follows one wrong rule. It reports its own "
-    "first wrong decision; the diagnosis uses only the records.",
-    "development": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The diagnosis was developed on this part.",
-    "held_out": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. This part was not used to develop the diagnosis.",
-    "second": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part had not seen the diagnosis.",
-    "third": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part had not seen the diagnosis, "
-    "and excluded conditions with debatable labels.",
-    "fourth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part had not seen the diagnosis, "
-    "and chose behaviors whose label follows from the suite's definitions alone.",
-    "fifth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part had not seen the diagnosis "
-    "or its results on other parts, and a third of the failures are without a grasp attempt.",
-    "sixth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part had not seen the diagnosis "
-    "or its results on other parts, and chose faults that are known from learned policies.",
+    "faulty": "Every faulty policy moves as well as the expert and follows one wrong rule. It reports its own first "
+    "wrong decision; the diagnosis uses only the records.",
+    "development": "Every policy of the independent family has one faulty behavior in one of three motion styles, with "
+    "its own controller. Its true label is stated before the first action. The diagnosis was developed on this part.",
+    "held_out": "Every policy of the independent family has one faulty behavior in one of three motion styles, with "
+    "its own controller. Its true label is stated before the first action. This part was not used to develop the "
+    "diagnosis.",
+    "second": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its "
+    "own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis.",
+    "third": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its "
+    "own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis, and excluded conditions with debatable labels.",
+    "fourth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with "
+    "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis, and chose behaviors whose label follows from the suite's definitions alone.",
+    "fifth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with "
+    "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis or its results on other parts, and a third of the failures are without a grasp attempt.",
+    "sixth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with "
+    "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis or its results on other parts, and chose faults that are known from learned policies.",
 }
 """Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
 family.
