@@ -122,4 +122,4 @@ def test_an_arm_that_had_nothing_to_do_was_on_the_way_to_no_attempt(stage):
         s.tick()
     verdict = diagnose_record(s.end())
     assert verdict.label is Label.TIMEOUT
-    assert "had nothing to do and did not keep still" in verdict.evidence.text
+    assert "had no step left and did not stay still" in verdict.evidence.text
