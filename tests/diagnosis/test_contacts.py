@@ -108,7 +108,7 @@ def test_a_mean_of_two_objects_is_not_said_to_go_for_the_right_things(stage, apa
     assert {t.label for t in found.trials} == {Label.EXECUTION_FAILURE}
     assert {t.intention_correct for t in found.trials} == {None}
     said = [MODES[Label.EXECUTION_FAILURE].conclude(found.trials), *found.findings]
-    assert not any("right thing" in text or "right target" in text for text in said), said
+    assert not any("right thing" in text or "correct object" in text for text in said), said
     assert "its target is unknown" in said[0]
     accuracy = found.metric("intention_accuracy", "training")
     assert (accuracy.k, accuracy.n) == (0, 5), "no attempt is proven right, and none leaves the denominator"
