@@ -195,7 +195,7 @@ def _template_section(template: Template) -> list[str]:
         f"- success: every subgoal is met, with its objects at rest and released, for {template.dwell_s:g} s.{only}",
         (
             f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
-            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy has to "
+            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy should "
             "stay still"
         ),
     ]

@@ -122,10 +122,9 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     """Return the side of an anchor where an object is, or None.
 
     The center of the object's foot is on the table, next to the anchor: up to 24 cm from its edge, or 7.5 cm from the
-    edge of a plate. The foot may be at most 2.5 cm nearer, farther back or farther to a side than the anchor reaches.
-    "At the upper right" covers directions between right and behind; those up to the diagonal also count as right. The
-    object is upright as intended for its asset. Cutlery at a plate may also lie face down, and its head points away
-    from the eater.
+    edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers directions
+    between right and behind; directions up to the diagonal also count as right. The object has its asset's upright
+    posture. Cutlery at a plate may also lie face down, and its head points away from the eater.
     """
     if not state.touching(name, "table"):  # cheapest test first: a carried object fails here
         return None
