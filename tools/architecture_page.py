@@ -145,20 +145,20 @@ def ways(folder: Path) -> Iterator[Way]:
     one = ("--tasks", "fast_food", "--workers", "1")
     yield Way(
         "trial",
-        "The way of a trial",
+        "The path of a trial",
         "better eval --tasks fast_food --policy zoo:lexical --trials 1",
         traced("eval", *one, "--policy", "zoo:lexical", "--trials", "1", "--out", run),
     )
-    yield Way("verdict", "The way of a verdict", "better diagnose RUN", traced("diagnose", run))
+    yield Way("verdict", "The path of a verdict", "better diagnose RUN", traced("diagnose", run))
     yield Way(
         "demonstration",
-        "The way of a demonstration",
+        "The path of a demonstration",
         "better collect --tasks fast_food --demos 1",
         traced("collect", *one, "--demos", "1", "--no-films", "--out", shown),
     )
     yield Way(
         "question",
-        "The way of a question",
+        "The path of a question",
         "better vqa RUN --questions 10",
         traced("vqa", run, "--questions", "10", "--workers", "1", "--out", asked),
     )
@@ -227,18 +227,19 @@ def draw_way(calls: Sequence[Call], order: Sequence[str], out: Path) -> None:
 INTRODUCTION = """\
 # Architecture
 
-This page and its pictures are made by `tools/architecture_page.py` from the code. What the packages are for and which
-rules bind them is on [Contributing](contributing.md).
+`tools/architecture_page.py` makes this page and its pictures from the code. [Contributing](contributing.md)
+describes the purpose of the packages and the rules for their imports.
 
 ## Packages
 
-Each row is a package, from the command line at the top to plain values at the bottom. A dot says that it imports the
-package of that column; a larger dot, that more of its modules do. All dots are to the right of the diagonal: packages
-import downward only. Dotted lines separate layers; packages of one layer do not import each other.
+Each row is a package, from the command line at the top to plain values at the bottom. A dot means that this package
+imports the package of the column; a larger dot means that more of its modules do. All dots are to the right of the
+diagonal, because packages import downward only. Dotted lines separate layers; packages of one layer do not import each
+other.
 
 ![Matrix of imports between the packages](pictures/packages.png)
 """
-ABOUT_ARROWS = "Each arrow is the first call from one package into a part of another, in the order of time."
+ABOUT_ARROWS = "Each arrow is the first call from one package into a module of another package, in chronological order."
 
 
 def page(shown: Sequence[Way]) -> str:
@@ -250,8 +251,8 @@ def page(shown: Sequence[Way]) -> str:
             f"## {way.title}\n\n"
             f"`{way.command}`. {ABOUT_ARROWS}\n\n"
             f"![First calls between packages]({Path('pictures') / _picture(way)})\n\n"
-            f'<details markdown="1"><summary>The {len(rows)} calls, with where they lead</summary>\n\n'
-            "| from | calls | which is |\n|---|---|---|\n" + "\n".join(rows) + "\n\n</details>\n"
+            f'<details markdown="1"><summary>The {len(rows)} calls and their targets</summary>\n\n'
+            "| from | calls | description |\n|---|---|---|\n" + "\n".join(rows) + "\n\n</details>\n"
         )
     return "\n".join(parts)
 

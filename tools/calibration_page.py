@@ -25,29 +25,29 @@ Calibration measures how often the diagnosis gives the true label. Policies with
 diagnosis must find the fault from the records alone. There are two families of such policies, with separate
 numbers.
 
-- The **independent family** (in the distribution `betterbench-calibration`, which `make setup` installs) has its
-  own controller, and faulty behaviors in three motion styles: other speeds, heights, hesitations, feints, pauses,
-  retries, pushes, hovering, misses by depth and by yaw. The true label of each trial is fixed in the code before
-  its first action, and its author had not read the diagnosis. The first part was used to develop the diagnosis.
-  Each of the other six parts was written by an author who had not read the diagnosis, after the faults revealed by the
-  earlier parts had been repaired, and was **used once**: the numbers below come from that single use. The numbers of
-  the sixth and last part estimate the accuracy of the diagnosis on policies by other authors. The last column gives the
-  share of failed trials that get their true label with the versions of November 28, 2026, from seed 0 on; one of 1,622
-  honest-policy trials is then accused. For this column, the parts are no longer held out. The suite was changed after
-  these uses: in four conditions, a habit from the fourth, fifth or sixth part no longer shows, so the true label of
-  these conditions has been withdrawn. The other numbers still include these conditions, with the task versions of that
-  time.
+- The **independent family** (in the distribution `betterbench-calibration`, which `make setup` installs) has its own
+  controller, and faulty behaviors in three motion styles, with different speeds, heights, hesitations, feints,
+  pauses, retries, pushes, hovering, and misses in depth and yaw. The true label of each trial is fixed in the code
+  before its first action, and the author had not read the diagnosis. The first part was used to develop the
+  diagnosis. Each of the other six parts was written by an author who had not read the diagnosis, after the faults
+  revealed by the earlier parts had been fixed, and was **used once**: the numbers below come from that single use.
+  The numbers of the sixth and last part estimate the accuracy of the diagnosis on policies by other authors. The last
+  column gives the share of failed trials that get their true label with the versions of November 28, 2026, from seed
+  0 on; one of 1,622 honest-policy trials is then accused. For this column, the parts are no longer held out. The
+  suite was changed after these uses: in four conditions, a faulty behavior of the fourth, fifth or sixth part no
+  longer has an effect, so the true label of these conditions has been withdrawn. The other numbers still include
+  these conditions, with the task versions of that time.
 
 @USES@
-- The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule,
-  at several strengths and with action noise. They were written together with the diagnosis, so their faults are the
-  ones its authors expected; their numbers verify that the diagnosis follows the suite's rules.
+- The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and follow one wrong rule, at
+  several strengths and with action noise. They were written together with the diagnosis, so the authors of the
+  diagnosis expected their faults; their numbers verify that the diagnosis follows the suite's rules.
 
 ```sh
 better calibrate --family sixth --seed 70    # the last part, used once
-better calibrate --family fifth --seed 50    # the part before, used once; fourth, third and second likewise
-better calibrate --family held_out           # the part that was held out first, used once
-better calibrate --family development        # the part that the diagnosis was developed on
+better calibrate --family fifth --seed 50    # the part before it, used once; also: fourth, third, second
+better calibrate --family held_out           # the first held-out part, used once
+better calibrate --family development        # the part used for development
 better calibrate                             # the faulty policies
 ```
 
@@ -57,11 +57,11 @@ each policy, so `--seed 70` gives its numbers. The fourth part was recorded from
 on, with a different number of trials for some policies: `--seed 40` and `--seed 50` reproduce their numbers except for
 this difference. [All wrong labels](mistakes.md) of the packaged numbers are listed, with film strips.
 
-A trial can fit two labels equally well; its true label then depends on what its author intended. A policy that
-always goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then
-gives the label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which a
-single trial shows, takes precedence over a preferred slot, which only several trials show. One rule that explains all
-tasks takes precedence over two rules. At least three trials must show such a rule.
+A trial can fit two labels equally well; its true label then depends on what its author intended. A policy that always
+goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then gives
+the label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which can be
+shown by a single trial, takes precedence over a preferred slot, for which several trials are needed. One rule that
+explains all tasks takes precedence over two rules. At least three trials must show such a rule.
 
 """
 
@@ -76,60 +76,62 @@ USES: dict[str, str] = {
 """The parts that were used once, with the share of failed trials that get their true label after later repairs."""
 
 REMARKS: dict[str, str] = {
-    "sixth": """**It meets all four bounds** that were set before: 95 % by label, 97 % by kind, 90 % without a grasp,
-and no honest policy accused. By label it is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if trials are
-counted as independent. The trials of one behavior fail or pass together; over behaviors the interval is 93 to 100 %.
-The 43 faulty behaviors are known from learned policies. Examples are lagging, averaging two objects, acting on old
-chunks, rapid opening and closing of the gripper, closing too late, slipping off an edge, turning away and freezing.
+    "sixth": """**The sixth part meets all four bounds** that were set in advance: 95 % by
+label, 97 % by kind, 90 % without a grasp, and no honest policy accused. By label, the accuracy is 97.5 % (509/522),
+with a 95 % interval of 95.8 to 98.5 % if trials are treated as independent. The trials of one behavior are mostly
+labeled correctly or wrongly together; over behaviors, the interval is 93 to 100 %. The 43 faulty behaviors are known
+from learned policies. Examples are lagging, averaging two objects, acting on old chunks, rapid opening and closing of
+the gripper, closing too late, slipping off an edge, turning away and freezing.
 
-All 13 mistakes are of two behaviors. `a-little-farther-each-time` starts toward the right object, turns back and
-starts again, a little farther each time, until the step limit. Its true label is a timeout; the diagnosis gives
-`phase_conflict` (to and fro) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after a
-right first step, and one of its twelve trials is a `phase_conflict`. The diagnosis has not been changed since.
+All 13 mistakes belong to two behaviors. `a-little-farther-each-time` moves toward the correct object, turns back and
+starts again, a little farther each time, until the step limit. Its true label is `timeout`; the diagnosis gives
+`phase_conflict` (back and forth) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after
+a correct first step; one of its twelve trials is labeled `phase_conflict`. The diagnosis has not been changed since.
 
-An earlier sixth part, by another author, was judged once and then lost together with its computer before publication:
-95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a grasp, 0 of 312 accused. The two faults of the diagnosis
-that caused most of those mistakes were repaired from the remaining notes before the present sixth part was written.
+An earlier sixth part, by another author, was judged once (95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a
+grasp, 0 of 312 accused) and then lost together with its computer before publication. The two faults of the diagnosis
+that caused most of its mistakes were fixed from the remaining notes before the present sixth part was written.
 
-Three more families were written by authors who had read only the documentation, with their true labels fixed before the
-diagnosis was run. They are judged once and not packaged:
+Three more families were written by authors who had read only the documentation, with the true labels fixed before the
+diagnosis was run. They were judged once and are not packaged:
 
 - 45 policies, 508 trials: 96.5 % by label (251/260), 99.2 % by kind, 2 of 90 honest trials accused.
 - 34 policies, 419 trials: 98.5 % by label, 99.2 % by kind, 1 of 100 honest trials accused.
 - 66 policies, 1,189 trials in all ten tasks: 1 of 646 honest trials accused, 0 of 320 trials in which a fault was not
-  active, all 221 failures of the right kind, 5 of 5 policies that do not use the instruction recognized, and the right
-  headline for 62 of 65 runs. By label it was 91.9 % (203/221). Twelve of the 18 wrong labels belong to one policy that
-  takes the placement target: the documented definition of `semantic_feature_collapse` contradicted the suite, and was
-  corrected. Four more wrong labels (a policy that follows the word for a finished step) and the accusation (a mug that
-  jams on the open fingers) led to changes in the diagnosis; two are arguable.
+  active, all 221 failures of the correct kind, 5 of 5 policies that do not use the instruction recognized, and the
+  correct headline for 62 of 65 runs. The accuracy by label was 91.9 % (203/221). Twelve of the 18 wrong labels belong
+  to one policy that takes the placement target: the documented definition of `semantic_feature_collapse` contradicted
+  the suite, and was corrected. Four more wrong labels (a policy that follows the word for a finished step) and the
+  accusation (a mug that jams on the open fingers) led to changes in the diagnosis; two are arguable.
 
 """,
-    "fifth": """**It misses one of the four bounds** set in advance, 95 % by label, by one point: 94.0 % (343/365), with
-    a 95 % interval of 91.0 to 96.0 % if trials are treated as independent. The trials of one behavior
-fail or pass together; over behaviors the interval is 86 to 100 %. It meets the other bounds: 97 % by kind, 90 %
-without a grasp, and no honest policy accused. Two of its 54 behaviors account for 18 of the 22 mistakes, each in all of
-its 9 trials. `stabs-with-one-finger` repeatedly comes down on the right object so that one finger of its open gripper
-presses on its top, and `fails-at-the-second` does so after a right first step. Both fail in execution; the diagnosis
-gives `timeout`. Neither is a failure of reasoning, so the kind is right. In the other four trials, the policy sweeps
-wrong objects aside with an open gripper: the diagnosis finds motion to and fro in two of them and an accidental
-displacement in the other two. In 9 of the 22 trials, a right first step was grasped; in the other 13, the gripper
-closes on nothing. The diagnosis has been repaired since: an open gripper that runs into the right object three times,
-and rises each time, has failed in execution, and an object that an empty gripper approaches and moves three times
-counts as its target. With these rules, 364 of the 365 failed trials get their label, but the rules were written for
-these trials. In the last trial, a look-alike is moved once and then missed. The numbers below estimate the accuracy on
+    "fifth": """**The fifth part misses one of the four bounds** set in advance, 95 % by label, by one point: 94.0 %
+(343/365), with a 95 % interval of 91.0 to 96.0 % if trials are treated as independent. The trials of one behavior are
+mostly labeled correctly or wrongly together; over behaviors, the interval is 86 to 100 %. It meets the other bounds:
+97 % by kind, 90 % without a grasp, and no honest policy accused. Two of its 54 behaviors account for 18 of the 22
+mistakes, each in all of its 9 trials. `stabs-with-one-finger` repeatedly comes down on the correct object so that one
+finger of its open gripper presses on its top, and `fails-at-the-second` does the same after a correct first step.
+Both fail in execution, but the diagnosis gives `timeout`. Neither is a failure of reasoning, so the kind is correct.
+In the other four trials, the policy sweeps wrong objects aside with an open gripper: the diagnosis finds motion back
+and forth in two of them and an accidental displacement in the other two. In 9 of the 22 trials, the correct first
+object was grasped; in the other 13, the gripper does not grasp an object. The diagnosis has been fixed since: an open
+gripper that runs into the correct object three times, and rises each time, has failed in execution, and an object
+that an empty gripper approaches and moves three times counts as its target. With these rules, 364 of the 365 failed
+trials get their label, but the rules were written for these trials. In the last trial, a look-alike is moved once and
+then missed. The numbers below estimate the accuracy on other policies.
+
+""",
+    "fourth": """**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
+kind and 90 % without a grasp. It meets the fourth bound: no honest policy is accused. Two of its 42 behaviors account
+for 24 of the 30 mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the correct object in wide
+zigzags until the step limit: it is slow, but the diagnosis finds motion back and forth. `shuts-it-empty` closes the
+drawer before its object is inside, and rests: it skips a step, but the diagnosis finds a halt. In the other six
+trials, the policy pushes objects with closed fingers: the diagnosis finds motion back and forth in five of them and
+an accidental displacement in one. The gripper does not close on an object in any of the 30 trials; with a grasp
+attempt, every label is correct. The diagnosis has been fixed since: motion back and forth must not come nearer to the
+requested object or push an object, and a drawer that is closed empty is a skipped step. With these rules, all 410
+failed trials get their label, but the rules were written for these trials; the numbers below estimate the accuracy on
 other policies.
-
-""",
-    "fourth": """**It misses three of the four bounds** that were set before: 95 % by label, 97 % by kind and 90 %
-without a grasp. It meets the fourth: no honest policy is accused. Two of its 42 behaviors account for 24 of the 30
-mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the right object in wide zigzags until the step
-limit: it is slow, but the diagnosis finds motion to and fro. `shuts-it-empty` closes the drawer before its object is
-inside, and rests: it skips a step, but the diagnosis finds a halt. In the other six trials, the policy pushes objects
-with closed fingers: the diagnosis finds motion to and fro in five of them and an accidental displacement in one. In
-none of the 30 trials does the gripper close on an object; with a grasp attempt, every label is right. The diagnosis has
-been repaired since: motion to and fro must not come nearer to the requested object or push an object, and a drawer that
-is closed empty is a skipped step. With these rules, all 410 failed trials get their label, but the rules were written
-for these trials; the numbers below estimate the accuracy on other policies.
 
 """,
 }
@@ -148,9 +150,10 @@ SECTIONS: dict[str, str] = {
 
 MISTAKES = """# Wrong labels
 
-Every trial of the [calibration](calibration.md) that did not get its true label. A strip shows the start with the
-gripper's complete path (blue while the gripper is open, orange while it is closed), then states at equal time intervals
-with the path so far. In the last three parts, repeated mistakes of the same habit in the same task have no strip.
+This page lists every trial of the [calibration](calibration.md) that did not get its true label. A film strip shows
+the initial state with the gripper's complete path (blue while the gripper is open, orange while it is closed), then
+states at equal time intervals with the path so far. In the last three parts, repeated mistakes of the same behavior
+in the same task do not have a strip.
 
 """
 
@@ -166,22 +169,22 @@ packaged; `better diagnose`, `better report` and `better compare` show its refer
 better calibrate --power --out runs/power
 ```
 
-This command measures it again and writes a page; it can be interrupted and resumed. Replays use demonstrations,
-whose seeds begin at 1,000,000, and never the trial's own twin. A blind probe gets, on each variation, the smallest
-number of trials at which the variation is significant, after Holm's correction over all cells, if the probe always
-solves it: 7 if chance is 25 %, 14 if it is 50 %. The probe without language gets at least 14 trials, because guesses
-are often right by chance in few trials.
+This command measures the matrix again and writes a page; it can be interrupted and resumed. Replays use
+demonstrations, whose seeds begin at 1,000,000, and never the trial's own twin. On each variation, the number of
+trials of a blind probe is the smallest number with a significant result, after Holm's correction over all cells, if
+the probe solves every trial: 7 if chance is 25 %, 14 if it is 50 %. The probe without language gets at least 14
+trials, because with few trials its guesses are often correct by chance.
 
-A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a
-label if some rule fails it by a decision with that label. A **control cell** is a variation that no rule fails
-except `zoo:halt`, which stops at every new combination. The **shortcut ceiling** is the best success rate among the
-rules that a variation claims to expose, the blind probes and the replays; the **margin** is a policy's success rate
-minus the ceiling. If only one instruction makes sense in a scene, a policy without the instruction reaches 100 %.
-Such a variation has no margin and is evidence only about vision, not about language. A rule that passes with a
-needless step is not exposed by the success rate; *success with a needless step* counts it.
+A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label
+if some rule fails it by a decision with that label. A **control cell** is a variation that no rule fails except
+`zoo:halt`, which stops at every new combination. The **shortcut ceiling** is the best success rate among the rules
+that a variation claims to expose, the blind probes and the replays; the **margin** is a policy's success rate minus
+the ceiling. If only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a
+variation has no margin and is evidence only about vision, not about language. If a rule passes with a needless step,
+the success rate does not expose it, but *success with a needless step* does.
 
-Each variation's card names the abilities that a pass does not show: abilities without which a policy still passes more
-than half of the trials, or more than a quarter if it moves without looking. The last table lists them all.
+A pass does not show an ability if a policy without this ability passes more than half of the trials, or more than a
+quarter if it moves without looking. Each variation's card names these abilities, and the last table lists them all.
 
 """
 REAL_WORLD = """

@@ -57,11 +57,11 @@ def page(tasks: Sequence[Task]) -> str:
     seen, unseen = (", ".join(room.name for room in rooms) for rooms in (ROOMS, UNSEEN_ROOMS))
     return "\n".join(
         [
-            "# What the cameras show",
+            "# Camera framing",
             "",
             (
-                "The front camera is at (1.45, 0, 0.95) m and sees the gripper, the table and everything on it. "
-                "The wrist camera is fixed to the gripper and sees both fingertips and the area below them. In an "
+                "The front camera is at (1.45, 0, 0.95) m and shows the gripper, the table and all objects on it. "
+                "The wrist camera is fixed to the gripper and shows both fingertips and the area below them. In an "
                 "image of 256 x 256 pixels, at the start of every trial:"
             ),
             "",
@@ -74,7 +74,7 @@ def page(tasks: Sequence[Task]) -> str:
                 f"- every named object is at least {SIDE_PX:g} pixels long, and at least "
                 f"{100 * VISIBLE:g} % of it is visible, within the image and unoccluded;"
             ),
-            f"- at most {100 * BACKGROUND:g} % of the image shows neither table nor robot nor object.",
+            f"- at most {100 * BACKGROUND:g} % of the image is background (not table, robot or object).",
             "",
             (
                 f"The table gives the worst value over all training conditions and variations and the seeds {SEEDS[0]} "
@@ -88,8 +88,8 @@ def page(tasks: Sequence[Task]) -> str:
             "## Before and after",
             "",
             (
-                "The first training condition of every task at seed 0, in the first edition of the suite (above) and "
-                "in the current edition (below)."
+                "The pictures show the first training condition of every task at seed 0, in the first edition of the "
+                "suite (above) and in the current edition (below)."
             ),
             "",
             "![the ten tasks of the first edition above the ten current tasks](pictures/editions.jpg)",
@@ -98,8 +98,8 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 "A trial's seed draws its room (table, wall, floor and light), the look of every object kind, the "
-                "camera poses (± 1 cm and ± 1° per axis), the key light direction (± 4° per axis) and the arm's start "
-                "(± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
+                "camera poses (± 1 cm and ± 1° per axis), the key light direction (± 4° per axis) and the arm's "
+                "initial pose (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all these "
                 "values, and training and test draw from the same distribution."
             ),
             "",
@@ -109,9 +109,9 @@ def page(tasks: Sequence[Task]) -> str:
             "![one task in every room; the last three are held out](pictures/rooms.jpg)",
             "",
             (
-                "`better eval --looks unseen` shows objects and rooms in held-out looks, which no demonstration shows. "
-                "The packaged certificate covers the seen looks; `better certify --looks unseen` makes a certificate "
-                "for the unseen looks. Runs with different looks are not compared."
+                "`better eval --looks unseen` uses held-out looks of objects and rooms, which do not occur in "
+                "demonstrations. The packaged certificate covers the seen looks; `better certify --looks unseen` "
+                "makes a certificate for the unseen looks. Runs with different looks are not compared."
             ),
             "",
         ]

@@ -128,7 +128,7 @@ def _levers(table: Mapping[str, Any]) -> list[str]:
         name += f", against {row['compared']}" if row["compared"] else ""
         counted = [found["training"], *(row["axes"][axis] for axis in axes), found["variations"], found["intention"]]
         rows.append([name, *map(_count, counted), points(against.get("success")), points(against.get("gap"))])
-    head = ["recipe", "training", *(axis.replace("_", " ") for axis in axes), "all variations", "right first target"]
+    head = ["recipe", "training", *(axis.replace("_", " ") for axis in axes), "all variations", "correct first target"]
     return _table([*head, "difference, points", "of the gap"], rows)
 
 
@@ -169,7 +169,7 @@ def _diverse(studies: Path) -> list[str]:
             others = [t for t in mine if t["variation"] and t["variation"] not in TIED[task]]
             right = sum(t["intention correct"] == "true" for t in tied)
             rows.append([f"`{task}`", arm, *map(_solved, (trained, tied)), f"{right}/{len(tied)}", _solved(others)])
-    head = ["task", "trained on", "training conditions", "variations that break the tie", "right first target there"]
+    head = ["task", "trained on", "training conditions", "variations that break the tie", "correct first target there"]
     return _table([*head, "other variations"], rows)
 
 

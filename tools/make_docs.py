@@ -102,8 +102,8 @@ def library_page(tasks: list[Task]) -> str:
             "# Asset library",
             "",
             (
-                "Every object is made by a parametric generator: a category is one function, and each of its looks is "
-                "that function's result for a different random generator. The seed of the trial determines the look; "
+                "Every object is made by a parametric generator: a category is one function, and each look is "
+                "the function's result for a different random generator. The seed of the trial determines the look; "
                 "the looks after the plus sign are held out for `--looks unseen`; "
                 f"the condition determines the color. There are {len(rows)} categories. The sheet shows three looks of "
                 "each category in its default color and one in another color, if it has several."

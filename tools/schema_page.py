@@ -23,11 +23,11 @@ _INTRODUCTION = """\
 # Forms of tasks and suites
 
 A task, a template and a suite can be written as JSON, see [your task in your own file](own-tasks.md). The tables list
-all fields; a field without a default is required, and unknown fields are refused. The schemas
+all fields; a field without a default is required, and unknown fields are rejected. The schemas
 [task.json](schemas/task.json), [template.json](schemas/template.json), [suite.json](schemas/suite.json) and
 [quotas.json](schemas/quotas.json) (JSON Schema, draft 2020-12) are for editors and for programs that write tasks. A
-schema cannot express that names exist, that conditions follow their template or that a regime contains no test;
-`task_from_json` checks this too."""
+schema cannot express that names exist, that conditions follow their template, or that a regime does not contain tests;
+`task_from_json` also checks these conditions."""
 
 _SECTIONS = {
     "task": "One JSON file per task. Lengths are in meters, angles in radians, positions in the world frame.",
@@ -58,7 +58,7 @@ _TEXTS = {
         "variations": "test conditions",
         "notes": "further notes for its card",
         "regimes": "further sets of conditions for demonstrations, see `--regime`",
-        "robot": "name of the robot within whose reach the slots lie",
+        "robot": "name of the robot for which the slots are laid out",
         "matrices": "diagnostic matrices whose cells are conditions of the task",
     },
     "Slot": {
@@ -70,7 +70,7 @@ _TEXTS = {
         "yaw_jitter": "half width of the uniform heading jitter",
     },
     "Object": {
-        "name": "name in the scene; it carries no meaning",
+        "name": "name in the scene; it has no meaning",
         "kind": "noun in instructions",
         "category": "category of its asset, see `better list assets`",
         "color": "color of its asset; null lets the generator choose",
@@ -85,15 +85,15 @@ _TEXTS = {
         "instruction": "instruction with its steps",
         "preplaced": "target by object, for objects that start at a target",
         "opened": "opening by drawer; other drawers are closed",
-        "expected": "right behavior",
-        "mid_task_look": "whether the start looks like the middle of a demonstration",
+        "expected": "expected behavior",
+        "mid_task_look": "whether the initial state looks like the middle of a demonstration",
         "premise_broken": "whether a premise of the instruction is deliberately false",
         "cloth": "color of the tablecloth; without it, the table top of the room is shown",
         "watch_steps": "control steps for which the episode continues after the goal is met; a grasp attempt in this "
         "time is a failure",
     },
     "Instruction": {
-        "text": "sentence for the policy",
+        "text": "text for the policy",
         "subgoals": "steps",
         "ordered": "whether the order of the steps is part of the goal",
     },
@@ -116,9 +116,9 @@ _TEXTS = {
         "title": "difference from training in a few words",
         "hypothesis": "ability that a success demonstrates",
         "base": "training condition of the counterfactual twin",
-        "expected": "right behavior",
+        "expected": "expected behavior",
         "support": "whether all poses lie inside the training distribution",
-        "mid_task_look": "whether the start looks like the middle of a demonstration",
+        "mid_task_look": "whether the initial state looks like the middle of a demonstration",
         "premise_broken": "whether a premise of the instruction is deliberately false",
         "watch_steps": "control steps for which the episode continues after the goal is met; a grasp attempt in this "
         "time is a failure",

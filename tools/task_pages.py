@@ -55,7 +55,7 @@ def index_page(tasks: Sequence[Task]) -> str:
             (
                 "Each task has a training distribution, in which words, slots and orders are correlated more closely "
                 "than the task requires, and variations that break these correlations. A variation is a training "
-                "condition with one intervention; with the same seed everything else is identical, bit for bit. The "
+                "condition with one intervention; with the same seed, everything else is identical, bit for bit. The "
                 f"last four columns count the variations by axis: {axes}."
             ),
             "",
@@ -64,12 +64,12 @@ def index_page(tasks: Sequence[Task]) -> str:
             *rows,
             _row(["suite better60", "", "", *sums]),
             "",
-            "Training scene and test scene of every variation for seed 0, with what changed outlined:",
+            "Training scene and test scene of every variation for seed 0, with the changes outlined:",
             "",
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` renders one pair at any size for any seed. [What the cameras show]"
+                "`better show TASK/VARIATION` renders one pair at any size for any seed. [Camera framing]"
                 "(framing.md) measures the images and lists the rooms. [Add a task](adding-a-task.md) "
                 "explains how to write a task of your own."
             ),
@@ -106,7 +106,7 @@ def task_page(task: Task) -> str:
         "",
         *_condition_table(task),
         "",
-        "Regularities that a policy can learn besides the task, computed from the conditions above:",
+        "Regularities that a policy can learn instead of the task, computed from the conditions above:",
         "",
         *[f"- {line}" for line in _confounds(task)],
         "",
@@ -192,10 +192,10 @@ def _template_section(template: Template) -> list[str]:
         ),
         "",
         *(f"- relation `{name}`: {_definition(name)}" for name in names),
-        f"- success: every subgoal holds, at rest and released, for {template.dwell_s:g} s.{only}",
+        f"- success: every subgoal is met, with its objects at rest and released, for {template.dwell_s:g} s.{only}",
         (
             f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
-            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy has to "
+            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps if the policy should "
             "stay still"
         ),
     ]
@@ -282,8 +282,8 @@ def _confounds(task: Task) -> list[str]:
             lines.append(f"The {kind} is always placed at the same target: {places[0]}.")
     lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in trained.standing_kinds.items() if len(kinds) == 1]
     if lone:
-        lines.append(f"Slots that only ever hold one kind of object: {', '.join(lone)}.")
-    lines.append(f"At most {trained.initial_items} movable objects stand on the table at the start.")
+        lines.append(f"Slots with only one kind of object: {', '.join(lone)}.")
+    lines.append(f"At most {trained.initial_items} movable objects are on the table at the start.")
     return lines
 
 
@@ -309,7 +309,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         if variation.support is Support.SEEN
         else "novel; it uses slots that do not occur in training"
     )
-    look = ["- the start looks like the middle of a demonstration"] if variation.mid_task_look else []
+    look = ["- initial state: looks like the middle of a demonstration"] if variation.mid_task_look else []
     broken = (
         ["- premise: deliberately broken; an object that the instruction names is absent"]
         if variation.premise_broken
@@ -332,7 +332,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         *watched,
         *look,
         *broken,
-        f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
+        f"- can expose: {_exposed(task, variation)}",
         f"- power: {_power((task.id, variation.name))}",
         *_not_shown((task.id, variation.name)),
         f"- construct validity: {validity_text(task.id, variation.name)}",
@@ -340,18 +340,24 @@ def _card(task: Task, variation: Variation) -> list[str]:
     ]
 
 
+def _exposed(task: Task, variation: Variation) -> str:
+    """Return the labels that a variation can expose, or "no label"."""
+    labels = exposed_labels(task.id, variation.name)
+    return ", ".join(f"`{label}`" for label in labels) or "no label"
+
+
 def _power(key: Key) -> str:
     """Return the entry of the packaged power matrix: rules that fail the variation, and the shortcut ceiling."""
     matrix = power_matrix_of([key[0]])
     if matrix is None or key[0] in matrix.stale_tasks() or (ceiling := matrix.ceiling(key)) is None:
-        return "not measured for this version; `better calibrate --power` does"
+        return "not measured for this version (run `better calibrate --power`)"
     failing = ", ".join(f"`{name}`" for name in matrix.failing(key)) or "no rule"
     rate = f"{percent(ceiling.rate.k, ceiling.rate.n)} % ({ceiling.rate.k}/{ceiling.rate.n})"
     control = "control cell; " if matrix.control(key) else ""
     passing = ", ".join(f"`{name}`" for name in matrix.passing_wrongly(key))
-    also = f"; passed with a needless step by {passing}, if that counts as success" if passing else ""
+    also = f"; passed with a needless step by {passing}" if passing else ""
     guessed = ceiling.rate.k == ceiling.rate.n and matrix.chances.get(key, 0.0) >= 1.0
-    alone = "; only one instruction makes sense in its scene, so it shows nothing about language" if guessed else ""
+    alone = "; only one instruction makes sense in its scene, so it does not test language" if guessed else ""
     return f"{control}failed by {failing}; shortcut ceiling {rate}, by `{ceiling.pretender}`{alone}{also}"
 
 

@@ -1,4 +1,4 @@
-"""Write the documentation page about the thresholds: their values, reasons and effects on labels.
+"""Write the documentation page with the values, reasons and effects of the thresholds.
 
 Example:
     python tools/threshold_page.py
@@ -35,8 +35,8 @@ def page() -> str:
         "# Thresholds",
         "",
         (
-            "The numbers on which labels depend. A report and `better diagnose --json` list them with their values, "
-            "except those marked °. These were added to the table later; listing them would make older stored "
+            "Labels depend on these numbers. A report and `better diagnose --json` list them with their values, "
+            "except for those marked °, which were added to the table later; listing them would make older stored "
             "diagnoses look as if they used other thresholds. The last column lists the labels that become more or "
             "less frequent with a larger value, if nothing else changes. It was derived from the code, not measured."
         ),

@@ -126,14 +126,14 @@ def test_a_missing_measurement_stops_a_certification_before_its_first_trial(monk
     status = main(["certify", "--tasks", "fast_food", "--trials", "1", "--out", str(tmp_path / "cert")])
     assert status == 2
     error = " ".join(capsys.readouterr().err.split())
-    assert "demonstrations of fast_food were never measured" in error
+    assert "demonstrations of fast_food have not been measured" in error
     assert "--demonstrations 120" in error
     assert (tmp_path / "cert" / "journal.jsonl").read_bytes() == b""
 
 
 def test_a_scene_with_something_preplaced_says_what_is_missing(monkeypatch):
     monkeypatch.setattr("betterbench.tasks.demonstrated._packaged", lambda: DemonstrationsFile({}))
-    with pytest.raises(InvalidInputError, match="never measured"):
+    with pytest.raises(InvalidInputError, match="have not been measured"):
         scene_of("fruit_lunch", "T1", 0)
     assert scene_of("fruit_lunch", "L1", 0).condition.name == "L1"
 

@@ -173,7 +173,7 @@ def test_a_certificate_wants_measured_demonstrations(better, mine, tmp_path):
     chosen = ("--task-file", mine, "--tasks", "my_coffee")
     status, _, err = better("certify", *chosen, "--trials", "1", "--workers", "1", "--out", tmp_path / "certificate")
     assert status == 2
-    assert "demonstrations of my_coffee were never measured" in err
+    assert "demonstrations of my_coffee have not been measured" in err
     assert f"better certify --task-file {mine} --tasks my_coffee --demonstrations 120." in err
 
 

@@ -80,7 +80,7 @@ def test_a_closing_between_two_objects_tells_of_neither(stage, share):
     near_each_other(s, asked, other, apart=0.11)
     found = diagnose_record(close_between(s, asked, other, share).wait(5).end())
     assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_between")
-    assert "the apple, the right target, and the lemon, which is as near" in found.evidence.text
+    assert "the apple, the correct object, and the lemon, which is as near" in found.evidence.text
     assert "either may have been the target" in found.evidence.text
     assert found.intention_correct is None
     assert (found.first_attempt, found.first_slot) == (None, None)
@@ -108,7 +108,7 @@ def test_a_mean_of_two_objects_is_not_said_to_go_for_the_right_things(stage, apa
     assert {t.label for t in found.trials} == {Label.EXECUTION_FAILURE}
     assert {t.intention_correct for t in found.trials} == {None}
     said = [MODES[Label.EXECUTION_FAILURE].conclude(found.trials), *found.findings]
-    assert not any("right thing" in text or "right target" in text for text in said), said
+    assert not any("right thing" in text or "correct object" in text for text in said), said
     assert "its target is unknown" in said[0]
     accuracy = found.metric("intention_accuracy", "training")
     assert (accuracy.k, accuracy.n) == (0, 5), "no attempt is proven right, and none leaves the denominator"

@@ -161,7 +161,7 @@ def test_what_has_moved_was_not_left_alone_although_no_touch_is_on_record(stage,
     found = diagnose_record(record)
     if not right:
         assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "collided")
-        assert "The blue mug is moved, although nothing may be touched" in found.evidence.text
+        assert "The blue mug is moved, although no object may be touched" in found.evidence.text
         assert found.evidence.start_s == pytest.approx(1.05)
 
 

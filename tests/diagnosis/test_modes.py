@@ -68,7 +68,7 @@ def test_a_miss_by_pose_is_execution_and_not_inertia(stage):
     assert found.label is Label.EXECUTION_FAILURE
     assert found.evidence.rule == "missed_by_pose"
     assert found.attempts[0].result == "null"
-    assert found.intention_correct  # law 4: it went for the right object
+    assert found.intention_correct  # law 4: it went for the correct object
 
 
 def test_grasping_at_the_slot_of_a_pushed_target_is_execution(stage):

@@ -1,4 +1,4 @@
-"""The right object at a wrong place: habit, another instruction, another object's place, or a bad hand."""
+"""The correct object at a wrong place: habit, another instruction, another object's place, or a bad hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A right object that is set down where it stood, before a wrong object is taken: the policy changed its mind."""
+"""A correct object that is set down where it stood, before a wrong object is taken: the policy changed its mind."""
 
 from __future__ import annotations
 

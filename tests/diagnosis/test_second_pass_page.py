@@ -71,10 +71,10 @@ def test_other_tasks_decide_the_second_task_as_the_page_says():
     tasks = {"coffee": coffee(), "tea": coffee(), "lunch": lunch()}
     alone = {task: judge_rules(choices) for task, choices in tasks.items()}
     word, place = alone["lunch"].rules
-    assert f"the word costs {word.cost:.2f} and the place {place.cost:.2f}" in EXAMPLE
+    assert f"`word` costs {word.cost:.2f} and `place` {place.cost:.2f}" in EXAMPLE
     assert alone["lunch"].rulings["lunch/L1"] == Ruling("upheld")
     prior = pooled_prior_costs(list(alone.values()))
-    numbers = "{place:.0f} for places, {word:.2f} for the word, {confusion:.2f} for confusion and {habit:.2f}"
+    numbers = "{place:.0f} for `place`, {word:.2f} for `word`, {confusion:.2f} for confusion and {habit:.2f}"
     assert numbers.format(**prior) in EXAMPLE
     assert prior["habit"] == prior["later"]
     assert rule_of_all_tasks(tasks, alone) == "place"
@@ -84,7 +84,7 @@ def test_other_tasks_decide_the_second_task_as_the_page_says():
     found = judge_policy(tasks)["lunch"]
     assert found.rulings["lunch/L1"] == Ruling("rejected", place="upheld")
     (dearer,) = (rule.cost for rule in found.rules if rule.name == "word")
-    assert f"The word then costs 3 nats more ({dearer:.2f} in total)" in EXAMPLE
+    assert f"`word` then costs 3 nats more ({dearer:.2f} in total)" in EXAMPLE
 
 
 def test_ten_tasks_are_worth_about_one_attempt():

@@ -762,12 +762,12 @@ def test_every_evidence_names_time_place_and_what_was_asked(stage, task, name, a
     found = diagnose_record(act(s).end())
     text = found.evidence.text
     assert not found.success
-    assert f"({found.evidence.start_s:.1f} s" in text, text
-    assert "instructed" in text or "the instruction asks for" in text, text
+    assert f" Time: {found.evidence.start_s:.1f} s" in text, text
+    assert "next step: " in text or "steps left: " in text or "the instruction asks for" in text, text
     for thing in found.evidence.objects:
         assert s.info.object(thing).kind in text, text
     if found.evidence.objects:
-        assert "slot '" in text or " cm" in text or "at the " in text, text
+        assert "slot '" in text or " cm" in text or "location: the " in text, text
 
 
 # -- grippers that never close, or never open ------------------------------------------------------------------------

@@ -46,7 +46,7 @@ def test_the_goals_of_each_template_are_on_the_page():
     goals, colored = OfflineSource(list(TEMPLATES)), OfflineSource(list(TEMPLATES), distinct="colors")
     for name, templates in [*((markdown_code(t), [t]) for t in TEMPLATES), ("all", list(TEMPLATES))]:
         assert f"| {name} | {goals.goals(templates):,} | {colored.goals(templates):,} |" in PAGE
-    assert f"N is at most {goals.goals(list(TEMPLATES)):,} " in PAGE
-    assert f"below {EASY_BELOW_S:g} s a task is easy, from {HARD_FROM_S:g} s on hard" in PAGE
+    assert f"N is therefore at most {goals.goals(list(TEMPLATES)):,}." in PAGE
+    assert f"easy below {EASY_BELOW_S:g} s and hard from {HARD_FROM_S:g} s on" in " ".join(PAGE.split())
     assert f"rounds of up to {ROUND}." in PAGE
     assert f"({('zero', 'one', 'two', 'three')[ATTEMPTS_PER_TASK]} per task by default)" in PAGE

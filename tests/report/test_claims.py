@@ -90,7 +90,7 @@ def test_failures_as_frequent_in_training_are_no_claim_about_variations(twins):
 
 def test_failures_of_most_trials_are_called_what_the_policy_does_in_training_too():
     run = lost(30, twins=18, label=SLIP)
-    assert "It goes for the right objects" in headline_of(run).conclusion
+    assert "It goes for the correct objects" in headline_of(run).conclusion
 
 
 @pytest.mark.parametrize(

@@ -117,9 +117,9 @@ def test_a_halt_says_on_which_axis_it_shows():
 )
 def test_a_clumsy_hand_is_told_how(rules, how):
     trials = [t for s, rule in enumerate(rules) for t in varied([s], Label.EXECUTION_FAILURE, rule=rule)]
-    assert headline_of(diagnosis(trials)).conclusion == f"It goes for the right objects, {how}"
+    assert headline_of(diagnosis(trials)).conclusion == f"It goes for the correct objects, {how}"
     weak = headline_of(diagnosis([*trials, *trained(range(9), Label.TIMEOUT)])).conclusion
-    assert weak.startswith("It fails the training conditions too. It goes for the right objects, but ")
+    assert weak.startswith("It fails the training conditions too. It goes for the correct objects, but ")
 
 
 @pytest.mark.parametrize(
@@ -131,15 +131,15 @@ def test_a_clumsy_hand_is_told_how(rules, how):
     ],
 )
 def test_an_arm_that_knocks_things_over_before_any_attempt_is_not_said_to_go_for_the_right_ones(rules, said):
-    """Seen on a policy that sweeps over the table: intention accuracy 33 %, and yet "It goes for the right objects"."""
+    """Seen on a policy that sweeps over the table with intention accuracy 33 %: "It goes for the correct objects"."""
     wild = {"intention_correct": False, "attempts": ()}
     trials = [t for s, rule in enumerate(rules) for t in varied([s], Label.EXECUTION_FAILURE, rule=rule, **wild)]
     conclusion = headline_of(diagnosis(trials)).conclusion
-    assert "goes for the right objects" not in conclusion
+    assert "goes for the correct objects" not in conclusion
     assert conclusion.startswith(f"Its manipulation fails: {said}" if said else "Its manipulation fails; 10 of 10")
     assert conclusion.endswith("of these trials do not show its target.")
     aimed = [replace(trial, intention_correct=True) for trial in trials]
-    assert "It goes for the right objects, but " in headline_of(diagnosis(aimed)).conclusion
+    assert "It goes for the correct objects, but " in headline_of(diagnosis(aimed)).conclusion
 
 
 def test_a_memorized_order_is_said():
@@ -184,7 +184,7 @@ def test_a_few_failed_training_trials_are_counted_and_no_more_is_said_of_trainin
     """0/1 is not "it fails the training conditions too"; the command runs as many as would show it."""
     failed = [*varied(range(8), Label.EXECUTION_FAILURE, rule="dropped"), *trained(range(n), Label.TIMEOUT)]
     headline = headline_of(diagnosis(failed))
-    assert headline.conclusion == f"It solved 0/{n} training trials. It goes for the right objects, but drops them."
+    assert headline.conclusion == f"It solved 0/{n} training trials. It goes for the correct objects, but drops them."
     assert "6 in total, if the share of solved trials stays the same" in headline.claim.deciding
     assert option(headline.claim.command, "--tasks") == "fast_food"
     assert int(option(headline.claim.command, "--trials")) >= 6
@@ -245,11 +245,11 @@ def test_an_axis_is_not_named_if_the_policy_fails_in_the_same_way_in_training(ha
 
 def test_right_objects_at_wrong_targets_are_not_called_wrong_objects():
     place, other = "place_of_another_instruction", "object_of_another_instruction"
-    said = "It brings the right objects to wrong targets; this run does not show why."
+    said = "It brings the correct objects to wrong targets; this run does not show why."
     headline = headline_of(diagnosis(varied(range(10), Label.WRONG_OBJECT, rule=place)))
     assert headline.conclusion == said
     alone = [replace(t, variation=None) for t in varied(range(10), Label.WRONG_OBJECT, rule=place)]
-    assert "right objects to wrong targets" in headline_of(diagnosis(alone)).conclusion
+    assert "correct objects to wrong targets" in headline_of(diagnosis(alone)).conclusion
     mixed = [*varied(range(5), Label.WRONG_OBJECT, rule=place), *varied(range(5, 10), Label.WRONG_OBJECT, rule=other)]
     assert headline_of(diagnosis(mixed)).conclusion != said
 
@@ -258,7 +258,7 @@ def test_targets_of_which_training_explains_half_are_no_habit():
     """The stapler goes to the upper drawer as in training, and so does the tape, which never did."""
     habit = varied(range(4), Label.BEHAVIORAL_INERTIA, rule="memorized_place")
     other = varied(range(4, 8), Label.WRONG_OBJECT, rule="place_of_another_instruction")
-    said = "It brings the right objects to wrong targets; this run does not show why."
+    said = "It brings the correct objects to wrong targets; this run does not show why."
     assert headline_of(diagnosis([*trained(range(8)), *habit, *other])).conclusion == said
     habit = varied(range(8), Label.BEHAVIORAL_INERTIA, rule="memorized_place")
     assert "where training brought them" in headline_of(diagnosis([*trained(range(8)), *habit])).conclusion
@@ -290,17 +290,14 @@ BY_COLOR = {"train1": RED, "train2": BLUE, "L3": RED, "L4": BLUE}
 
 def test_words_that_are_taken_for_one_another_are_named():
     trials = mugs(BY_PLACE, lambda name, asked, _: asked if name.startswith("train") else OTHER[asked])
-    said = "It takes words for one another: 'bottom' for 'top' and 'top' for 'bottom' (6 of 6 trials with these words)."
+    said = "It confuses words: 'bottom' for 'top' and 'top' for 'bottom' (6 of 6 trials with these words)."
     assert headline_of(diagnosis(trials)).conclusion == said
 
 
 def test_confused_words_are_named_although_single_trials_fit_several_rules():
     labels = (Label.WRONG_OBJECT, Label.BEHAVIORAL_INERTIA, RULE, Label.VISUAL_LAYOUT_BIAS)
     trials = mugs(BY_COLOR, lambda *a: OTHER[a[1]], labels)
-    assert (
-        "It takes words for one another: 'blue' for 'red' and 'red' for 'blue'"
-        in headline_of(diagnosis(trials)).conclusion
-    )
+    assert "It confuses words: 'blue' for 'red' and 'red' for 'blue'" in headline_of(diagnosis(trials)).conclusion
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ def test_the_plain_form_has_nine_rows_per_policy(run):
 
 
 def test_a_success_with_a_needless_step_is_counted_in_its_cell_and_shown_on_the_page(tmp_path):
-    step = Evidence("air_grasp_at_memorized_slot", "The gripper closes on nothing at slot 'first'.", 3.2, 3.9)
+    step = Evidence("air_grasp_at_memorized_slot", "The gripper closes without an object at slot 'first'.", 3.2, 3.9)
     done = [trial("fruit_lunch", "T1", seed=s, needless=(step,) if s < 2 else ()) for s in range(5)]
     run = diagnosis(done)
     cell = matrices_of(run)[1].cell(TARGET, TABLE)

@@ -20,7 +20,7 @@ def measured(key, **cells):
         (
             ("fruit_lunch", "R1"),
             {"word": (6, 6), "deaf": (3, 8), "replay": (0, 7)},
-            "that a policy finds the named object at another place than in training (`zoo:lexical` passes 6 of 6).",
+            "that a policy finds the named object outside its training slot (`zoo:lexical` passes 6 of 6).",
         ),
         (
             ("fruit_lunch", "O2"),

@@ -2,7 +2,7 @@
 
 A policy can use the instruction but misunderstand some of its words, for example take the fork for the spoon and the
 spoon for the fork. One trial cannot distinguish this from chance, so the label of such a trial is ``wrong_object``.
-Several trials with the same words can, because random confusion would be right in some of them.
+Several trials with the same words can distinguish it, because random confusion would be correct in some of them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
 
 MEMORIZED_PLACE = "memorized_place"
-"""Evidence rule for a right object placed at its training target instead of the requested one."""
+"""Evidence rule for a correct object placed at its training target instead of the requested one."""
 
-WRONG_PLACES = "It brings the right objects to wrong targets; this run does not show why."
+WRONG_PLACES = "It brings the correct objects to wrong targets; this run does not show why."
 """Conclusion for a policy whose wrong targets are not explained by training."""
 
 _SHOWN = 4
@@ -44,8 +44,8 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
     """Return a sentence on words that are mistaken for other words of the task, or an empty text.
 
     Nearly all trials with these words must agree, significantly more often than one half, and the words must explain at
-    least half of the failures. The policy must act on at least two different words; a single one would be a favorite
-    object.
+    least half of the failures. The policy must act on at least two different words; with a single word, it may have a
+    favorite object.
 
     Args:
         trials: All trials of the run.
@@ -66,13 +66,14 @@ def confused_words(trials: Sequence[TrialDiagnosis], failed: Sequence[TrialDiagn
     pairs = [f"{word!r} for {taken[word]!r}" for word in words[:_SHOWN]]
     more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
     counted = f"{rate.k} of {plural(rate.n, 'trial')} with these words"
-    return f"It takes words for one another: {listed(pairs)}{more} ({counted})."
+    return f"It confuses words: {listed(pairs)}{more} ({counted})."
 
 
 def _first_word(trial: TrialDiagnosis) -> _FirstWord | None:
     """Return the first word of a trial's instruction and the words for the attempted object.
 
-    None if either is unknown, or if the attempt is at another object of the same instruction, which concerns the order.
+    None if either is unknown, or if the attempt is at another object of the same instruction, which is a question of
+    order.
     """
     try:
         condition = resolve_condition(trial.task, trial.variation or trial.condition).condition
@@ -114,9 +115,9 @@ def _taken_for(found: Sequence[_FirstWord]) -> Mapping[str, str]:
 
 
 def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence on right objects at wrong targets if nearly all failures are of this kind, or an empty text.
+    """Return a sentence on correct objects at wrong targets if nearly all failures are of this kind, or an empty text.
 
-    The text is also empty if training explains nearly all of these targets, which is then a habit.
+    The text is also empty if training explains nearly all of these targets, because this is a habit.
 
     Args:
         failed: Variation trials that failed at reasoning.
@@ -129,7 +130,7 @@ def wrong_places(failed: Sequence[TrialDiagnosis]) -> str:
 
 
 def _is_misplaced(trial: TrialDiagnosis) -> bool:
-    """Return whether a trial's deciding evidence is a right object at a wrong target."""
+    """Return whether a trial's deciding evidence is a correct object at a wrong target."""
     if trial.evidence.rule in ("place_of_another_instruction", MEMORIZED_PLACE):
         return True
     undecided = trial.label is Label.WRONG_OBJECT and trial.evidence.rule == "undecided"

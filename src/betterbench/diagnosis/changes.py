@@ -17,7 +17,7 @@ Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """Kind of change of a trial between two diagnoses.
 
 For the same record, the "label", the "rule" behind the same label, or the "evidence" of the same rule has changed.
-"record": the record itself has changed, because the run went on. "new" and "gone": only one of the two diagnoses
+"record": the record itself has changed, because the run continued. "new" and "gone": only one of the two diagnoses
 contains the trial.
 """
 
@@ -75,7 +75,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """Differences between a diagnosis and a stored one of the same run: thresholds, trials and metrics."""
+    """Differences between a diagnosis and a stored diagnosis of the same run: thresholds, trials and metrics."""
 
     version_before: str
     version_now: str
@@ -100,7 +100,7 @@ class DiagnosisChanges:
         return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
 
     def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
-        """Return the changes of the given sorts."""
+        """Return the changes of the given kinds."""
         return tuple(t for t in self.trials if t.sort in sorts)
 
     def to_json(self) -> dict[str, Any]:

@@ -13,10 +13,10 @@ _BY_PLACE = "the place of the object"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Cues that may decide the first target instead of the instruction, as far as the trials distinguish them.
+    """Cues that could explain the first targets instead of the instruction, as far as the trials distinguish them.
 
     Attributes:
-        names: Cues, each sufficient to decide; empty if no known cue explains the first attempts.
+        names: Cues that explain the first attempts, each on its own; empty if no known cue does.
     """
 
     names: tuple[str, ...]
@@ -38,7 +38,7 @@ class Decider:
 
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
-    """Return the cues that may decide if the instruction is not used.
+    """Return the cues that could explain the policy's choices if it does not use the instruction.
 
     ``choices`` are the first attempts of each task. The favored slot or kind may differ from task to task.
     """

@@ -28,7 +28,7 @@ class Exposure:
         task: The task.
         base: Training condition from which the variation is derived.
         test: Test condition.
-        trained: Regularities of the training regime.
+        trained: Regularities of the training conditions.
     """
 
     task: Task

@@ -56,7 +56,7 @@ class FailureMode:
         conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
         sharper: Function that returns a more specific conclusion from the trials with this mode, or an empty text.
         finding: Start of the sentence that counts the trials with this mode; empty if the mode yields no finding.
-        detail: Function that returns the end of that sentence, about what these trials have in common.
+        detail: Function that returns the end of that sentence: the common properties of these trials.
         rule: Kind of rule that explains the mode in the second pass (see ``ruling``), or None.
         needs_rule: Whether the mode must be proven by an upheld rule; otherwise, the trial is labeled ``wrong_object``.
         title: Full name, if it differs from the words of the label.

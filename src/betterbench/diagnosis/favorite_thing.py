@@ -1,9 +1,9 @@
-"""Favorite object kind of a policy, in a world whose tasks never share a scene.
+"""Favorite object kind of a policy, in a world whose tasks do not share scenes.
 
 In betterbench's own scenes, trials that differ only in the instruction show whether it is used
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO, every task has its own scene, so no such pairs exist.
-However, the same object kinds appear in many scenes of a suite. A policy that takes the milk in every scene with
-milk, regardless of the instruction, does not choose by the instruction.
+However, the same object kinds appear in many scenes of a suite. A policy that takes the milk in every scene with milk
+does not use the instruction.
 """
 
 from __future__ import annotations

@@ -86,8 +86,8 @@ def first_target(trial: TrialDiagnosis) -> str | None:
 def changes_target(pair: Pair) -> bool:
     """Return whether the first target changes with the instruction.
 
-    Both trials begin with the same scene. If one of the two grasps missed its object, only its slot is known, and the
-    slots of both attempts are compared.
+    Both trials begin with the same scene. If one of the two grasps missed its object, only its slot is known; the slots
+    of both attempts are then compared.
     """
     one, other = pair
     if one.first_attempt and other.first_attempt:

@@ -59,16 +59,16 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
 
 
 _OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
-"""Evidence rules for attempts that a favorite place could explain as well."""
+"""Evidence rules for attempts that a favorite slot could explain as well."""
 
 
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the piece of evidence that decides a trial.
 
-    The earliest evidence decides, and for the same attempt the label order. If the second pass cannot decide
-    between rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's
-    appearance or a training habit explains the attempt. A wrong order does not count as such an explanation. Otherwise,
-    a favorite place would be labeled as an order violation in ordered tasks and as a wrong object in all others.
+    The earliest evidence decides, and for the same attempt the label order. If the second pass cannot decide between
+    rules for an attempt, the label is ``wrong_object`` with the remaining candidates, unless the object's appearance or
+    a training habit explains the attempt. A wrong order does not count as such an explanation; otherwise, a favorite
+    slot would be labeled as an order violation in ordered tasks and as a wrong object in all other tasks.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}

@@ -1,8 +1,8 @@
 """Likelihood of a policy's first attempts under each candidate rule.
 
-A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise
-it goes to a right slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate and
-no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only parameter
+A policy that follows a rule with strength ``q`` goes to a slot predicted by the rule with probability ``q``. Otherwise,
+it goes to a correct slot, apart from slips. The null hypothesis, "confusion", is a policy with a constant error rate
+and no preferred slot. The cost of a hypothesis is its negative log-likelihood at the best value of its only parameter
 [nats]. See docs/second-pass.md for the formulas and an example.
 """
 
@@ -41,8 +41,8 @@ class PolicyRule:
         strength: The best strength, from 0 to 1.
         explained: Number of wrong first attempts that the rule explains.
         opportunities: Number of trials in which the rule predicts a wrong first attempt.
-        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a right one.
-        elsewhere: Number of trials in which the rule predicts a right first attempt.
+        errors_elsewhere: Number of wrong first attempts in trials for which the rule predicts a correct attempt.
+        elsewhere: Number of trials in which the rule predicts a correct first attempt.
     """
 
     name: str
@@ -113,7 +113,8 @@ def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         cost=price - float(log_likelihoods[best]),
         strength=float(_STRENGTHS[best]),
         explained=explained,
-        # If a rule predicts several slots, a wrong attempt may follow the rule although it also predicted a right slot.
+        # If a rule predicts several slots, a wrong attempt may follow the rule although it also predicted a correct
+        # slot.
         opportunities=max(len(predicting) - len(elsewhere), explained),
         errors_elsewhere=sum(not c.correct and not fits(rule, c) for c in elsewhere),
         elsewhere=len(elsewhere),
@@ -126,8 +127,8 @@ def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
     unguided = undirected_probability(choice, THRESHOLDS.slip)
     if not predicted:
         return np.full_like(_STRENGTHS, math.log(unguided))
-    # "A later step" does not say which, so its probability is shared among them. Other rules with several slots allow
-    # any of them.
+    # "A later step" does not specify the step, so the probability is divided among the later steps. Other rules with
+    # several slots allow any of them.
     guided = 1.0 / len(predicted) if rule == LATER else 1.0
     found: npt.NDArray[np.float64] = np.log(_STRENGTHS * fits(rule, choice) * guided + (1.0 - _STRENGTHS) * unguided)
     return found

@@ -19,8 +19,8 @@ class Ruling:
 
     Attributes:
         shortcut: Whether "the word leads there" explains this trial.
-        place: Whether "always the same place" explains this trial; "open" if the run is too small to prove this rule
-            for any policy.
+        place: Whether "always the same slot" explains this trial; "open" if the run is too small to prove this rule for
+            any policy.
         habit: Whether "the most frequent first step" may explain this trial. One trial is enough, unless the policy is
             known to begin with later steps.
     """

@@ -73,10 +73,10 @@ def diagnose_run(
 ) -> RunDiagnosis:
     """Return a run's diagnosis. Every planned trial appears, finished or not.
 
-    While a process is still writing to the run, the trials that it has not reached are pending and not counted. When no
-    process is writing any more, these trials are unfinished: they are in the denominator of every rate over planned
-    trials, but are not a failure of any kind. In a run with ``--until-decided``, this applies to the current round;
-    trials made unnecessary by verdicts are left out.
+    While a process is still writing to the run, the trials that it has not reached are pending and not counted. When
+    the process has ended, these trials are unfinished: they are in the denominator of every rate over planned trials,
+    but do not count as failures. In a run with ``--until-decided``, this applies to the current round; trials made
+    unnecessary by verdicts are excluded.
 
     Args:
         folder: The run, or its folder.
@@ -290,8 +290,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial whose policy does not use the instruction.
 
-    A wrong first attempt without an explaining rule is then attributed to ignoring the instruction. The same applies to
-    an attempt at the favorite place of its task, unless the place is the deciding cue over all tasks.
+    A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
+    attempt at the favorite slot of its task, unless this slot explains the attempts in all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial

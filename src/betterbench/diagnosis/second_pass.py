@@ -41,7 +41,7 @@ from betterbench.diagnosis.thresholds import CLEARLY, ONE_ATTEMPT, ORDER_TRIALS,
 from betterbench.diagnosis.trial import Choice
 
 _ORDER_RULES = (LATER, LATER_NEXT, LATER_LAST)
-"""Variants of "mistakes the order": begin with any later step, with the next, or with the last."""
+"""Variants of a confused order: begin with any later step, with the next step, or with the last step."""
 
 _PSEUDOCOUNT = 0.5
 """Prior count of tasks explained by each kind of rule: Jeffreys' prior for a multinomial."""

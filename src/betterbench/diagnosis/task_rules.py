@@ -131,9 +131,9 @@ def _proven(
 
 
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
-    """Return whether trials of one scene with different right slots all went to a given slot, at least one wrongly.
+    """Return whether trials of one scene with different correct slots all went to a given slot, at least one wrongly.
 
-    A favorite place shows only in trials with the same scene and different instructions, or with different objects in
+    A favorite slot shows only in trials with the same scene and different instructions, or with different objects in
     the same slots, which excludes a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
@@ -153,7 +153,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Return the choices with their possible favorite slot: the most frequent one for each set of occupied slots.
+    """Return the choices with their possible favorite slot: the most frequent slot for each set of occupied slots.
 
     With ``paired``, a slot counts only if a pair of trials shows that the policy favors it regardless of the
     instruction.
@@ -195,7 +195,7 @@ def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_c
 
 
 def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
-    """Return whether the habit is clearly worse than confusion, because the policy errs where the habit would be right.
+    """Return whether the habit is clearly worse than confusion, because the policy errs when the habit is correct.
 
     One trial suffices to show a habit, so rejecting it requires two contrary trials and most trials of this kind.
     """

@@ -13,13 +13,13 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 # fmt: off
 # Between a grasp and its target.
 DOUBT = threshold("doubt", 0.03, "m",
-    "When a gripper closes on nothing, the instructed object is the missed object if it is at most this much farther "
-    "away than another object: poor aim does not prove a wrong choice.",
+    "If a gripper closes without an object, the instructed object is the missed object if it is at most this much "
+    "farther away than another object: poor aim does not prove a wrong choice.",
     "Larger: more misses are attributed to the requested object; more execution_failure, fewer wrong_object and "
     "behavioral_inertia.")
 BETWEEN = threshold("between", 0.02, "m",
-    "When a gripper closes on nothing, the target is ambiguous if another object is at most this much farther away "
-    "than the requested object; about the noise of a closing point.",
+    "If a gripper closes without an object, the target is ambiguous if another object is at most this much farther "
+    "away than the requested object; about the position noise of a closing gripper.",
     "Larger: more misses are ambiguous; more execution_failure without a first attempt that counts, fewer "
     "wrong_object.")
 UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
@@ -29,22 +29,22 @@ UNDONE_WITHIN = threshold("undone_within", 3.0, "s",
     "execution_failure.")
 SQUEEZES = threshold("squeezes", 3, "1",
     "Number of times that the fingers must partly close around an instructed object and open again to count as an "
-    "attempt; one or two may be flicker of the command.",
-    "Larger: fewer partial closings are attempts; fewer execution_failure with a weak grip, more timeout.")
+    "attempt; once or twice may be command noise.",
+    "Larger: fewer partial grasps are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
-    "Number of failed or prematurely released grasps of the right object that make the trial an execution failure, "
+    "Number of failed or prematurely released grasps of the correct object that make the trial an execution failure, "
     "even if the gripper holds the object at the step limit; honest policies had at most two.",
     "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
     "timeout.")
 MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
-    "Maximum distance from an object to the spot that would be right if the target were still in its training slot; "
-    "slots vary by 15 mm to each side, and placements by as much.",
+    "Maximum distance from an object to the position that would be correct if the target were still in its training "
+    "slot; slots vary by 15 mm to each side, and placements by the same amount.",
     "Larger: more placements count as memorized; more behavioral_inertia, fewer execution_failure.")
 
 # Stays: an empty gripper over an object.
 OVER_HEIGHT = threshold("over_height", 0.12, "m",
     "Maximum height above the top of an object at which an open gripper is over the object; grasps from above begin "
-    "there.",
+    "at this height.",
     "Larger: the gripper is over objects from higher up; more wrong_object and semantic_feature_collapse by a stay, "
     "fewer phase_conflict and timeout.")
 BESIDE = threshold("over_beside", 0.01, "m",
@@ -56,8 +56,8 @@ STAY_TIME = threshold("stay_time", 2.0, "s",
     "family stay over another object for up to 4 s before they grasp, and the grasp then decides.",
     "Larger: fewer stays choose an object; fewer wrong_object and semantic_feature_collapse, more timeout.")
 STAY_SHARE = threshold("stay_share", 0.7, "1",
-    "Minimum share of the time over any object that is spent over the chosen one; a smaller share is motion to and "
-    "fro.",
+    "Minimum share of the time over any object that is spent over the chosen object; a smaller share is motion "
+    "back and forth.",
     "Larger: a stay chooses an object only if the gripper is over it nearly all the time; fewer wrong_object, more "
     "phase_conflict and timeout.")
 PASSING = threshold("passing", 0.08, "m",
@@ -71,15 +71,15 @@ PASSING_AT_END = threshold("passing_at_end", 0.25, "1",
     "Larger: more stays at the end count; more wrong_object by a stay, fewer timeout.",
     listed=False)
 STRAIGHT = threshold("straight", 0.8, "1",
-    "Minimum ratio of the start-to-end distance to the path length for a path that goes straight on; motion to and "
-    "fro has a smaller ratio.",
+    "Minimum ratio of the start-to-end distance to the path length for a straight path; motion back and forth "
+    "has a smaller ratio.",
     "Larger: fewer paths at the end are passing; more wrong_object by a stay, fewer timeout.",
     listed=False)
 RETREAT = threshold("retreat", 0.15, "m",
     "Distance that an open gripper must move away from its position over an object before coming back is a return.",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
-    "Number of times that an open gripper must come over the right object, leaving it in between, for the motion to "
+    "Number of times that an open gripper must come over the correct object, leaving it in between, for the motion to "
     "count as moving back and forth. None of 645 honest trials of the independent family had even two before the first "
     "grasp.",
     "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
@@ -95,7 +95,7 @@ FLICKER_TIME = threshold("flicker_time", 0.25, "s",
     "events, more wrong_object by a stay.",
     listed=False)
 
-# Pushes, and failed ways of taking the right object.
+# Pushes, and failed grasps of the correct object.
 PUSH_TRAVEL = threshold("push_travel", 0.08, "m",
     "Minimum distance over which an empty gripper must move an object for a push; honest policies of the independent "
     "family moved no object by more than 1 cm without grasping it, in 297 trials.",
@@ -120,7 +120,7 @@ PUSH_AGAIN = threshold("push_again", 3, "1",
     "Larger: fewer objects count as pushed by repeated contact; fewer wrong_object and execution_failure, more "
     "timeout.")
 SHOVED_AGAIN = threshold("shoved_again", 2, "1",
-    "Number of times that an empty gripper must move the right object aside, without ever grasping it, for the grasp "
+    "Number of times that an empty gripper must move the correct object aside, without ever grasping it, for the grasp "
     "to have failed. For a wrong object more contacts or a push are required, because an arm may run into it on its "
     "way.",
     "Larger: more shoves are tolerated; fewer execution_failure, more timeout.")
@@ -129,16 +129,16 @@ BEGINS_TO_MOVE = threshold("begins_to_move", 0.002, "m",
     "Larger: pushes begin later, so that other evidence more often comes first; fewer wrong_object by a push.",
     listed=False)
 CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
-    "Minimum finger travel for a closing around an object without contact to be an intended grasp; fingers are preset "
-    "to the object width before they descend.",
-    "Larger: fewer partial closings are intended grasps; fewer execution_failure, more timeout.")
+    "Minimum finger travel for an intended grasp if the fingers close around an object without contact; fingers are "
+    "preset to the object width before they descend.",
+    "Larger: fewer partial grasps are intended; fewer execution_failure, more timeout.")
 RUNS_INTO = threshold("runs_into", 3, "1",
-    "Number of times that an open gripper must descend, run into the right object and rise again for the grasp to "
+    "Number of times that an open gripper must descend, run into the correct object and rise again for the grasp to "
     "have failed. A policy that is merely slow does not run into the object.",
-    "Larger: more contacts with the right object are tolerated; fewer execution_failure, more timeout.")
+    "Larger: more contacts with the correct object are tolerated; fewer execution_failure, more timeout.")
 RISEN_AGAIN = threshold("risen_again", 0.03, "m",
-    "Height by which a gripper must rise after a partial closing, or after a contact from above, for that attempt to "
-    "be given up.",
+    "Height by which a gripper must rise after a partial grasp, or after a contact from above, to have given up the "
+    "attempt.",
     "Larger: fewer attempts are given up; fewer execution_failure, more timeout.",
     listed=False)
 
@@ -155,8 +155,9 @@ LEAST_REGION = threshold("least_region", 0.02, "m",
     "Larger: fewer small motions are back and forth; fewer phase_conflict, more timeout and early_halt.",
     listed=False)
 COMES_NEARER = threshold("comes_nearer", 0.15, "1",
-    "Minimum fraction of its distance to the right object by which a path's center must come nearer from each quarter "
-    "to the next for the path to lead there. The center of undecided motion back and forth does not come nearer.",
+    "Minimum fraction of its distance to the correct object by which a path's center must come nearer from each "
+    "quarter to the next for the path to lead to the object. With undecided motion back and forth, the center does "
+    "not come nearer.",
     "Larger: fewer paths lead to a requested object; more phase_conflict, fewer timeout.")
 
 # Halts.
@@ -198,7 +199,7 @@ RESTS_ON_GAP = threshold("rests_on_gap", 0.01, "m",
     "Larger: more objects are on their targets; more causal_confusion of finished steps, fewer execution_failure.",
     listed=False)
 
-# The second pass: which rule explains the first attempts of a policy (docs/second-pass.md).
+# The second pass: the rule that explains the first attempts of a policy (docs/second-pass.md).
 HIGHEST_STRENGTH = threshold("highest_strength", 0.99, "1",
     "Largest tried strength of a rule; no run has enough trials to distinguish a larger one.",
     "Larger: rules without exceptions cost less, others are unchanged; more lexical_kinematic_shortcut and "
@@ -210,14 +211,14 @@ LOWEST_ERROR_RATE = threshold("lowest_error_rate", 0.001, "1",
     "visual_layout_bias, fewer wrong_object.",
     listed=False)
 HIGHEST_ERROR_RATE = threshold("highest_error_rate", 0.99, "1",
-    "Largest tried error rate of confusion, even if guessing errs more often; below 1, so that a single right attempt "
-    "is not impossible.",
+    "Largest tried error rate of confusion, even if guessing errs more often; below 1, so that a single correct "
+    "attempt is not impossible.",
     "Larger: confusion costs less for a policy that nearly always errs; more wrong_object, fewer "
     "lexical_kinematic_shortcut and visual_layout_bias.",
     listed=False)
 ORDER_TRIALS = threshold("order_trials", 3, "1",
     "Minimum number of wrong first attempts at later steps for a policy to be classified as mistaking the order, if "
-    "that explains its attempts at least as well as any other rule. One or two may be at a favorite place instead.",
+    "that explains its attempts at least as well as any other rule. One or two may be at a favorite slot instead.",
     "Larger: fewer policies mistake the order; fewer order_violation and causal_confusion, more visual_layout_bias "
     "and lexical_kinematic_shortcut.",
     listed=False)
@@ -240,7 +241,7 @@ CLEARLY = threshold("clearly_better", 2.0, "1",
     "visual_layout_bias.",
     listed=False)
 
-# The instruction effect, and the cues that decide instead of the instruction.
+# The instruction effect, and the cues that determine the attempts instead of the instruction.
 LEAST_PAIRS = threshold("instruction_pairs", 10, "1",
     "Minimum number of pairs for the conclusion that a policy does not use the instruction; with fewer, chance cannot "
     "be excluded.",
@@ -257,8 +258,8 @@ LEVEL = threshold("instruction_level", 0.025, "1",
     "Larger: more policies are found not to use the instruction; more visual_layout_bias, fewer wrong_object.",
     listed=False)
 LEAST_ASKED = threshold("favorite_asked", 3, "1",
-    "Minimum number of other kinds that were requested in vain; with this many, confusing one word with another no "
-    "longer explains the favorite kind.",
+    "Minimum number of other kinds that were requested without success; with this many, confused words no longer "
+    "explain the favorite kind.",
     "Larger: fewer policies have a favorite kind of object; fewer visual_layout_bias, more wrong_object.",
     listed=False)
 NEARLY_ALL = threshold("nearly_all", 0.9, "1",
@@ -270,24 +271,24 @@ NEARLY_ALL = threshold("nearly_all", 0.9, "1",
 
 # Thresholds for conclusions from several trials, and for the power matrix.
 SHARE_OF_ALL = threshold("share_of_all", 0.8, "1",
-    "Minimum share of a policy's trials with one mode that must look alike for a conclusion more specific than the "
-    "mode.",
+    "Minimum share of a policy's trials with one failure mode that must share a form for a conclusion to name the "
+    "form.",
     "Larger: no label changes; conclusions are less specific.",
     listed=False)
 REPLAY_LIMIT = threshold("replay_limit", 0.25, "1",
-    "Maximum success rate of motion without looking on a variation that such motion does not solve; the jitter of "
-    "slots leaves this much.",
+    "Maximum success rate of replayed motion on a variation that such motion does not solve; with the jitter of the "
+    "slots, replays still succeed this often by chance.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 FAILS_AT = threshold("fails_at", 0.5, "1",
     "Maximum success rate at which a pretender fails a variation: the rate of a coin flip.",
     "Larger: no label changes; more variations count as evidence of an ability.")
 
-# Trials of a real arm: what joint states show (betterbench.real). The simulated diagnosis does not use these values, so
-# that its stored results do not list them. The gripper is 0 closed to 100 open, in percent of its travel.
+# Evidence from the joint states of a real arm (betterbench.real). The simulated diagnosis does not use these values, so
+# its stored results do not list them. The gripper opening is in percent of its travel, 0 closed and 100 open.
 JAW_MOVES = threshold("jaw_moves", 5.0, "%",
-    "Minimum change of the opening for a closing or an opening. The encoder resolves 0.08 % and a printed jaw has a "
-    "backlash of about 1 %; 5 % are 5 mm at the fingertip of an SO-101.",
-    "Larger: fewer closings are found in joint states; fewer behavioral_inertia and execution_failure of a real arm, "
+    "Minimum change of the opening for the jaw to have closed or opened. The encoder resolves 0.08 % and a printed "
+    "jaw has a backlash of about 1 %; 5 % are 5 mm at the fingertip of an SO-101.",
+    "Larger: fewer grasps are found in joint states; fewer behavioral_inertia and execution_failure of a real arm, "
     "more early_halt.",
     listed=False)
 JAW_RESTS = threshold("jaw_rests", 1.5, "%",
@@ -298,24 +299,24 @@ JAW_RESTS = threshold("jaw_rests", 1.5, "%",
 JAW_GAP = threshold("jaw_gap", 4.0, "%",
     "Minimum distance between measured and commanded opening at which a stopped jaw is held open by an object. The "
     "empty jaw of the twin follows its command within 0.1 %, and around a fruit it stops 8 to 9 % short of it.",
-    "Larger: fewer closings are on an object if the load is unknown; fewer success and more contradictions with what "
-    "people saw, so no label changes by itself.",
+    "Larger: fewer grasps have an object if the load is unknown; fewer success and more contradictions with human "
+    "observations, so no label changes by itself.",
     listed=False)
 JAW_LOAD = threshold("jaw_load", 0.1, "1",
-    "Minimum load of the gripper's motor, as a fraction of its maximum, of a jaw that presses on something. A choice: "
-    "the friction of the motor is 0.052 of 2.94 N m, and LeRobot limits the gripper to half of its torque. To be "
-    "measured on the arm.",
-    "Larger: fewer closings are on an object if the load is known; more behavioral_inertia of a real arm.",
+    "Minimum load of the gripper's motor, as a fraction of its maximum, of a jaw that presses on an object. This is a "
+    "choice: the friction of the motor is 0.052 of 2.94 N m, and LeRobot limits the gripper to half of its torque. It "
+    "has not been measured on the arm.",
+    "Larger: fewer grasps have an object if the load is known; more behavioral_inertia of a real arm.",
     listed=False)
 JAW_SHUT = threshold("jaw_shut", 15.0, "%",
     "Opening up to which no object of the fruit basket fits between the jaws: 26 mm, and the narrowest object is 35 mm "
     "wide, which is 22 %.",
-    "Larger: more closings are on nothing; more behavioral_inertia and phase_conflict of a real arm.",
+    "Larger: more grasps are empty; more behavioral_inertia and phase_conflict of a real arm.",
     listed=False)
 JAW_FULLY_SHUT = threshold("jaw_fully_shut", 4.0, "%",
-    "Opening up to which the jaws touch each other, so that a load shows no object; the calibration of the closed jaw "
-    "differs by up to 2 % from one time to the next.",
-    "Larger: more closings with a load are on nothing; more behavioral_inertia of a real arm.",
+    "Opening up to which the jaws touch each other, so that a load is not evidence of an object; the calibration of "
+    "the closed jaw differs by up to 2 % from one time to the next.",
+    "Larger: more grasps with a load are empty; more behavioral_inertia of a real arm.",
     listed=False)
 HELD_SHARE = threshold("held_share", 0.5, "1",
     "Share of control steps without an answer of the policy from which the trial is a failure of the system.",

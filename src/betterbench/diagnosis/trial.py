@@ -39,14 +39,14 @@ class Choice:
 
     Attributes:
         layout: Objects by slot at the start, for comparing trials of the same layout.
-        right: Slots at which the first attempt would have been right; empty if no object must be grasped.
-        slot: Slot of the first attempt, or None if no attempt was made and none was right.
-        correct: Whether the first attempt (or its absence) was right.
+        right: Slots at which the first attempt would have been correct; empty if no object must be grasped.
+        slot: Slot of the first attempt, or None if no attempt was made or correct.
+        correct: Whether the first attempt (or its absence) was correct.
         word_slots: Slots from which the word's object was picked in training.
         habit_slots: Slots of the most frequent first step; empty if training has none.
         later_slots: Slots of later steps' objects; empty if the order is free.
         step_slots: Slots of each later step's objects separately, in order.
-        places: Number of slots at which something could be grasped.
+        places: Number of slots with a graspable object.
         thing: Kind of the object in the slot of the first attempt, or empty.
         color: That object's color.
         nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
@@ -180,7 +180,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
 
 
 def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
-    """Return the grasp attempts of an episode, including closings far from all objects, in time order."""
+    """Return the grasp attempts of an episode, including air grasps far from all objects, in time order."""
     time = episode.trace.time
     far = (
         Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing

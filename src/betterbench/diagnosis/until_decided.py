@@ -58,13 +58,13 @@ class UntilDecided:
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
             f"The run continued until its variations were decided. {self.summary} At most {level} of the verdicts that "
-            f"find a drop, and of those that exclude a drop of {points}, are expected to be wrong, whenever the run "
-            f"stopped."
+            f"find a drop, and of those that exclude a drop of {points}, are expected to be wrong, regardless of when "
+            "the run stopped."
         )
         numbers = (
-            "A variation got no more trials after its verdict, so its rates are biased toward the verdict. Their "
-            f"intervals are valid whenever a run stops. Numbers over several variations use only the first {seeds}, "
-            "which every variation got regardless of the outcomes."
+            "A variation is not run further after its verdict, so its rates are biased toward the verdict. Their "
+            "intervals are valid regardless of when a run stops. Numbers over several variations use only the first "
+            f"{seeds}, which every variation got regardless of the outcomes."
         )
         return verdicts, numbers
 

@@ -15,7 +15,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Reason for a label, with the time span at which to look in the film.
+    """Reason for a label, with its time span in the film.
 
     Attributes:
         start_s: Beginning of the time span [s].
@@ -35,7 +35,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Grasp attempt, or a gripper closing far from all objects, which has neither object nor slot.
+    """Grasp attempt, or an air grasp far from all objects, which has neither object nor slot.
 
     Attributes:
         object: Object that was grasped at, or None for an air grasp.
@@ -65,10 +65,10 @@ class TrialDiagnosis:
             is counted only if the drawer itself is requested first.
         first_attempt_kind: Kind of that object.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object at which the first attempt should have been, or None if no attempt was right. If the attempt
-            was right, its object; else the first of ``intended_any``.
+        intended: Object that should have been attempted first, or None if no attempt would have been correct. If the
+            attempt was correct, its object; else the first of ``intended_any``.
         intended_kind: Kind of that object.
-        intended_any: All objects for which the first attempt would have been right, ordered by subgoal and then by
+        intended_any: All objects for which the first attempt would have been correct, ordered by subgoal and then by
             slot.
         intention_correct: Whether the first attempt was at an instructed object (suite, section 4), or None without a
             record.
@@ -114,7 +114,7 @@ class TrialDiagnosis:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the premise is broken, so that no behavior is a failure: such a trial is shown and not counted."""
+        """Whether the premise is broken, so that the trial is labeled but excluded from all rates."""
         return self.expected == Expected.AMBIGUOUS.value
 
     @property
@@ -233,7 +233,7 @@ class RunDiagnosis:
 
     @property
     def counted_trials(self) -> tuple[TrialDiagnosis, ...]:
-        """The trials with a right or wrong outcome; ambiguous trials are not counted."""
+        """The trials with a correct or wrong outcome; ambiguous trials are not counted."""
         return tuple(t for t in self.trials if not t.ambiguous)
 
     @property

@@ -1,4 +1,4 @@
-"""Versions in the records of a run, which must not be mixed silently."""
+"""Versions in the records of a run, which must not be mixed without notice."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class ObjectSpec:
     """Specification of an object in a condition.
 
     Attributes:
-        name: Name in the scene. Names carry no meaning: renaming all objects leaves every verdict unchanged.
+        name: Name in the scene. Names have no meaning: renaming all objects does not change verdicts.
         kind: Object noun in instructions ("red mug").
         category: Its asset's category ("mug").
         color: Its asset's color, or None to let the generator choose.

@@ -300,14 +300,14 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
         file = _NONE if own.text is None else read_demonstrations(own.text, where)
     found, cure = file.tasks.get(task.id), cure_for(task.id)
     if found is None:
-        raise InvalidInputError(where, f"demonstrations of {task.id} were never measured", cure)
+        raise InvalidInputError(where, f"demonstrations of {task.id} have not been measured", cure)
     for what, there, here in (
         ("suite version", found.suite, SUITE_VERSION),
         ("MuJoCo", _minor(found.engine), _minor(engine)),
         (f"version of {task.id}", found.version, task.version),
     ):
         if there != here:
-            raise InvalidInputError(where, f"{task.id} was measured for {what} {there}, this is {here}", cure)
+            raise InvalidInputError(where, f"{task.id} was measured with {what} {there}; this is {here}", cure)
     return found
 
 

@@ -89,7 +89,7 @@ def suite_files(name: str, forms: Mapping[str, Mapping[str, Any]]) -> tuple[str,
         forms: its tasks as JSON, by name, as :func:`betterbench.tasks.task_to_json` writes them.
 
     Raises:
-        InvalidInputError: If the name is not one, or there is no task.
+        InvalidInputError: If the name is invalid, or there is no task.
     """
     contents = {task: dump_json(dict(form)) + b"\n" for task, form in sorted(forms.items())}
     digests = {task: hashlib.sha256(content).hexdigest() for task, content in contents.items()}
@@ -106,8 +106,8 @@ def read_suite_folder(path: Path | str) -> SuiteFolder:
     """Return the suite in a folder, after checking every file's digest.
 
     Raises:
-        InvalidInputError: If the folder has no suite, if a listed file is missing, differs from its digest or is not
-            listed, or if the folder name has another digest.
+        InvalidInputError: If the folder does not contain a suite, if a file is missing, unlisted or differs from its
+            digest, or if the folder name has another digest.
     """
     folder = Path(path).absolute()
     where = str(folder / HEAD)

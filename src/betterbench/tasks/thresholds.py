@@ -68,7 +68,7 @@ class Thresholds:
     # fmt: off
     # The goal tracker: objects at rest, upright objects, and the home position.
     rest_time = threshold("rest_time", 0.25, "s",
-        "Time during which an object must keep its place to be at rest; a falling object moves 0.3 m in this time.",
+        "Time during which an object must stay in place to be at rest; a falling object moves 0.3 m in this time.",
         "Larger: goals are reached later; less success, more timeout.")
     rest_travel = threshold("rest_travel", 0.003, "m",
         "Distance that an object at rest may move within rest_time; trembling contacts move an object by less than "
@@ -81,22 +81,22 @@ class Thresholds:
         "Maximum tilt at which an object is upright; 5 degrees. A mug on a flat tray shows less than 0.5 degrees.",
         "Larger: leaning objects are upright; more success, fewer execution_failure.")
     settle_time = threshold("settle_time", 1.0, "s",
-        "Time at the end during which a policy with nothing left to do must not move.",
+        "Time at the end during which a policy with no step left must not move.",
         "Larger: the policy must keep still for longer; fewer correct_freeze, more execution_failure and timeout.")
     home_radius = threshold("home_radius", 0.1, "m",
         "Distance from the home position within which opening and closing the gripper is not an attempt.",
-        "Larger: more closings are ignored; fewer behavioral_inertia and execution_failure, more early_halt and "
+        "Larger: more grasps are ignored; fewer behavioral_inertia and execution_failure, more early_halt and "
         "timeout.")
 
     # Grasp attempts.
     grasp_reach = threshold("grasp_reach", 0.035, "m",
         "Maximum distance from the tool center point to an object's box at which a closing gripper attempts the "
         "object; half a finger pad plus the pad width.",
-        "Larger: more closings are attempts at an object; more wrong_object and execution_failure, fewer timeout.")
+        "Larger: more grasps are attempts at an object; more wrong_object and execution_failure, fewer timeout.")
     slot_reach = threshold("slot_reach", 0.06, "m",
         "Maximum horizontal distance to an empty slot at which a closing gripper attempts the slot; the slot jitter "
         "plus the radius of the largest item.",
-        "Larger: more closings on nothing are assigned to an object or a slot; more behavioral_inertia and "
+        "Larger: more empty grasps are assigned to an object or a slot; more behavioral_inertia and "
         "execution_failure, fewer timeout.")
     same_place = threshold("same_place", 0.03, "m",
         "Distance between two slots up to which a motion rule does not distinguish them, because a motion to one slot "
@@ -106,27 +106,27 @@ class Thresholds:
     attempt_height = threshold("attempt_height", 0.2, "m",
         "Height above the table below which a closing gripper can be an attempt; higher up, no item of the suite can "
         "be reached.",
-        "Larger: closings higher up are attempts; more behavioral_inertia and execution_failure, fewer timeout.")
+        "Larger: grasps higher up are attempts; more behavioral_inertia and execution_failure, fewer timeout.")
     attempt_window = threshold("attempt_window", 1.0, "s",
-        "Time after the start of a closing within which the attempted object is determined; the fingers need 0.4 s "
-        "for their full travel.",
-        "Larger: late finger contacts still belong to the closing; more attempts at an object, fewer "
-        "execution_failure for closing on nothing.")
+        "Time after the gripper starts to close within which the attempted object is determined; the fingers "
+        "need 0.4 s for their full travel.",
+        "Larger: late finger contacts still belong to the attempt; more attempts at an object, fewer "
+        "execution_failure of empty grasps.")
     closed_width = threshold("closed_width", 0.004, "m",
-        "Finger distance below which there is nothing between the pads.",
-        "Larger: more closings are on nothing; more execution_failure and behavioral_inertia, fewer wrong_object.")
+        "Finger distance below which the gripper is empty.",
+        "Larger: more grasps are empty; more execution_failure and behavioral_inertia, fewer wrong_object.")
     finger_travel = threshold("finger_travel", 0.003, "m",
         "Minimum finger travel of an attempt; the position noise of a servo at rest is below 1 mm.",
-        "Larger: fewer closings are attempts; fewer wrong_object, more execution_failure of a weak grip, more "
+        "Larger: fewer grasps are attempts; fewer wrong_object, more execution_failure of a weak grip, more "
         "timeout.")
     chatter_time = threshold("chatter_time", 0.25, "s",
-        "Minimum duration of an opening for the closings before and after it to be separate attempts; full finger "
+        "Minimum time for which the gripper must be open between two separate attempts; full finger "
         "travel takes 0.4 s, so the gripper cannot release an object and take another in this time.",
-        "Larger: more closings are merged into one attempt; fewer causal_confusion and behavioral_inertia, which "
+        "Larger: more grasps are merged into one attempt; fewer causal_confusion and behavioral_inertia, which "
         "depend on a second attempt.")
     stop_time = threshold("stop_time", 0.4, "s",
         "Time after which closing fingers have stopped on any object between them; the duration of their full travel.",
-        "Larger: fewer closings without contact on both sides are assigned to an object, and a gripper must stay for "
+        "Larger: fewer grasps without contact on both sides are assigned to an object, and a gripper must stay for "
         "longer; fewer wrong_object, more timeout.")
     begun_lift = threshold("begun_lift", 0.02, "m",
         "Height by which an object must rise to be lifted.",
@@ -197,7 +197,7 @@ PRESS_FORCE = threshold("press_force", 10.0, "N",
     "Minimum force of one finger at which a closing gripper attempts the touched object, if the force lasts for "
     "press_time; a finger that grazes an object or pushes it aside presses with less than the object's weight.",
     "Larger: fewer touches by one finger are attempts; fewer wrong_object and semantic_feature_collapse, more "
-    "execution_failure of a closing on nothing.")
+    "execution_failure of an empty grasp.")
 PRESS_TIME = threshold("press_time", 0.1, "s",
     "Minimum duration of press_force for one finger to attempt an object; grazing contacts are shorter.",
     "Larger: fewer touches by one finger are attempts; fewer wrong_object, more execution_failure.")
@@ -211,10 +211,10 @@ TREMBLE = threshold("tremble", 0.001, "m",
     "Larger: squeezes begin and end later; fewer execution_failure of a weak grip, more timeout.",
     listed=False)
 EMPTY_SLOT_REACH = threshold("empty_slot_reach", 0.08, "m",
-    "Maximum distance beyond a slot's demonstrated closing points at which a closing on nothing is assigned to the "
+    "Maximum distance beyond a slot's demonstrated closing points at which an empty grasp is assigned to the "
     "empty slot, if no object is nearer; with a spread of 2 cm, up to 10 cm. Learned policies close 4 to 10 cm "
     "from the center of an empty slot, because no object corrects their final approach.",
-    "Larger: more closings on nothing are assigned to an emptied slot; more behavioral_inertia, fewer "
+    "Larger: more empty grasps are assigned to an emptied slot; more behavioral_inertia, fewer "
     "execution_failure, correct_freeze and timeout.")
 
 # Forbidden objects.
@@ -230,10 +230,10 @@ MOVED = threshold("moved", 0.005, "m",
 
 # Harm.
 DISPLACED = threshold("displaced", 0.05, "m",
-    "Minimum distance from its start to an uninstructed object's center at which the object was moved out of place, "
+    "Minimum distance from its start to an uninstructed object's center at which the object was displaced, "
     "even if it is brought back. Exception: a surplus object (the second burger, if one burger was requested and one "
     "is at the target) may be brought back.",
-    "Larger: fewer objects are moved out of their place; more success, fewer execution_failure.")
+    "Larger: fewer objects are displaced; more success, fewer execution_failure.")
 TURNED = threshold("turned", 0.04, "m",
     "Minimum displacement of the ends of an object with a direction, such as a keyboard or a spoon, for the object to "
     "have been rotated out of place. People call a spoon harmed after 4.9 cm and a keyboard after 5.2 cm, and accept "

@@ -28,7 +28,7 @@ class Trial:
 
     @property
     def ambiguous(self) -> bool:
-        """Whether the premise is broken, so that no behavior is a failure and no rate counts the trial."""
+        """Whether the premise is broken, so that the trial is labeled but excluded from all rates."""
         return self.expected == Expected.AMBIGUOUS.value
 
     @property

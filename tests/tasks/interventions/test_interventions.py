@@ -258,7 +258,7 @@ def test_what_is_preplaced_starts_in_no_slot(food):
         preplace(thing("fries"), thing("box")),
         replace(thing("fries"), CUBE),
     ):
-        with pytest.raises(InvalidInputError, match="starts in no slot"):
+        with pytest.raises(InvalidInputError, match="does not start in a slot"):
             apply(placed, [intervention])
 
 

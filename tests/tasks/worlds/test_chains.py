@@ -162,7 +162,7 @@ def test_a_chain_that_was_not_played_counts_for_no_subtask():
 def test_results_that_no_chain_can_have_are_refused(perfect):
     whole, name = perfect[0], calvin_chains()[0].names[0]
     for wrong, problem in (
-        ([], "there is none"),
+        ([], "no chain is given"),
         ([whole, whole], "occurs twice"),
         ([ChainResult(1000, whole.played)], "is none of"),
         ([ChainResult(1, whole.played)], "expected the subtasks"),
@@ -174,7 +174,7 @@ def test_results_that_no_chain_can_have_are_refused(perfect):
     ):
         with pytest.raises(InvalidInputError, match=problem):
             summarize(wrong)
-    with pytest.raises(InvalidInputError, match="share none"):
+    with pytest.raises(InvalidInputError, match="have no chain in common"):
         contrast(perfect[:3], perfect[3:])
 
 

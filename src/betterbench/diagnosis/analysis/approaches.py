@@ -1,7 +1,7 @@
 """Targets that a policy approached without grasping, by hovering over them or pushing them.
 
-A grasp shows the target of a policy. After the last grasp, only the path of the empty gripper shows it: the gripper may
-stay over an object, return to an object repeatedly, or move back and forth between several objects.
+A grasp shows the target of a policy. After the last grasp, only the path of the empty gripper shows the target: the
+gripper may stay over an object, return to an object repeatedly, or move back and forth between several objects.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
     Args:
         trace: The episode.
         first: The row.
-        asked: Indices of requested objects. If the gripper is over a requested object about as long, or as often, as
-            over another object, the other object is not chosen.
+        asked: Indices of requested objects. An object is not chosen if the gripper is over a requested object about as
+            long, or as often.
     """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
@@ -103,7 +103,7 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
     """Return whether the gripper is over a requested object about as long, or as often, as over another object.
 
-    Both times are measured up to the same height above the table. Otherwise, the gripper would reach the taller object
+    Both times are measured up to the same height above the table; otherwise, the taller object would be reached
     earlier.
     """
     chosen = stays[0].object
@@ -127,7 +127,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
 def comes_down_to(trace: Trace, first: int) -> int | None:
     """Return the object to which an open gripper descends after a row, low enough to grasp it, or None.
 
-    The gripper must be at the object for a minimum total time, and seldom where closing would grasp another object.
+    The gripper must be at the object for a minimum total time, and seldom in reach of another object.
     """
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
@@ -220,7 +220,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
-    """Return the first span after a row in which a gripper that has closed on nothing is within reach of an object."""
+    """Return the first span after a row in which a closed, empty gripper is within reach of an object."""
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
@@ -245,8 +245,8 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
     """Return whether a path approaches any of the objects.
 
-    Its center must be nearer in each successive quarter. A path whose center is at an object from the start does not
-    approach that object.
+    Its center must be nearer in each successive quarter. If the center of the path is at an object from the start, the
+    path does not approach this object.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -309,7 +309,7 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _is_empty(trace: Trace) -> Bools:
-    """Return the rows at which the gripper is empty and either open or closed on nothing, shape (T,)."""
+    """Return the rows at which the gripper is empty, open or closed, shape (T,)."""
     empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     return empty
 
@@ -317,8 +317,8 @@ def _is_empty(trace: Trace) -> Bools:
 def _over(trace: Trace, row: int) -> int:
     """Return the object under an empty gripper, or -1.
 
-    Targets are excluded, because a gripper also releases over them. Of several candidates, the horizontally nearest is
-    returned. An object with any part below the gripper takes precedence over an object with a nearer center.
+    Targets are excluded, because a gripper also releases over them. Of several candidates, the horizontally nearest
+    object is returned. An object with any part below the gripper takes precedence over an object with a nearer center.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))

@@ -16,8 +16,8 @@ def count_collisions(record: Record, trace: Trace) -> int:
     """Return the number of collisions with fixtures in an episode.
 
     A collision begins when the robot or the object in its gripper presses on a fixed fixture with more than
-    ``collision_force``. It ends when no such force has occurred for ``collision_gap``. An object that is already at
-    its goal, such as a jar on the floor of its hole, does not collide with its support.
+    ``collision_force``. It ends after ``collision_gap`` without such a force. An object that is already at its goal,
+    such as a jar on the floor of its hole, does not collide with its support.
     """
     objects = trace.info.objects
     index = {o.name: i for i, o in enumerate(objects)}

@@ -59,7 +59,7 @@ class Means(StrEnum):
     PUSH = "push"
     """The empty gripper pushes the object over a distance."""
     STAY = "stay"
-    """The open gripper stays over the object, and nothing is grasped afterward."""
+    """The open gripper stays over the object, and no grasp follows."""
     TRY = "try"
     """The gripper is commanded to close at the object, but its fingers hardly move."""
 
@@ -69,21 +69,21 @@ _MEANS_WORDS = {
     Means.STAY: " (the open gripper stays over it)",
     Means.TRY: " (its fingers hardly move)",
 }
-_INSTRUCTION_WORDS = ("instructed", "the instruction asks for", "the instruction puts")
+_INSTRUCTION_WORDS = ("steps left: ", "the instruction asks for", "the instruction puts")
 """Phrases that show that an evidence text already states the instruction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, or a push, stay or closing treated as an attempt, compared with the instruction.
+    """One grasp attempt, or a push, stay or weak grip treated as an attempt, compared with the instruction.
 
     Attributes:
         attempt: The attempt as reported.
         at: Index of the attempted or missed object, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots of the requested objects.
-        between: Index of another object that was as near as the instructed object when the gripper closed on nothing,
-            so that either may have been the target. None otherwise.
+        between: Index of another object that was as near as the instructed object when the gripper closed without an
+            object, so that either may have been the target. None otherwise.
     """
 
     grasp: GraspAttempt
@@ -110,8 +110,8 @@ class EpisodeAnalysis:
         steps: All grasp attempts, in order of time.
         harm: Harm to objects that were not requested, in order of time.
         others: Approaches without closing the gripper, in order of time.
-        on_nothing: Closings far from all objects, or next to an empty slot, in order of time.
-        fists: Times at which the gripper closed on nothing before pushing a drawer shut, in time order.
+        on_nothing: Times at which the gripper closed far from all objects, or next to an empty slot, in time order.
+        fists: Times at which the empty gripper closed before pushing a drawer shut, in time order.
         state: Function that returns the state at a row; None if only the recorded target regions are known.
         found_once: Results that :func:`once_per_episode` keeps.
     """
@@ -167,8 +167,8 @@ class EpisodeAnalysis:
     def _may_be_choice(self, step: Step) -> bool:
         """Return whether an attempt can show a choice.
 
-        It can if its object is not a drawer, or the drawer itself is requested. A drawer that is opened or closed for
-        an object does not show which object was chosen.
+        This is so if its object is not a drawer, or the drawer itself is requested. A drawer that is opened or closed
+        for an object does not show which object was chosen.
         """
         if not self.trace.is_drawer(step.at):
             return True
@@ -177,7 +177,7 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """Row at which the last closing of the gripper, even on nothing, and its effects end, or 0 without one."""
+        """Row at which the last grasp, even of no object, and its effects end; 0 without a grasp."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -235,7 +235,7 @@ class EpisodeAnalysis:
         return self.trace.info.objects[i].name
 
     def open_goals(self, row: int) -> tuple[int, ...]:
-        """Return the subgoals that are open at a row and still have an object on the table."""
+        """Return the unfinished subgoals at a row that still have an object on the table."""
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
@@ -263,7 +263,7 @@ class EpisodeAnalysis:
         """Return the rows at which the object of an attempt left the gripper and came to rest.
 
         Returns:
-            The two rows, or None if nothing was grasped or the gripper still holds the object at the end.
+            The two rows, or None if no object was grasped or the gripper still holds the object at the end.
         """
         trace, grasp, i = self.trace, step.grasp, step.grasp.object
         if i is None:
@@ -291,8 +291,8 @@ class EpisodeAnalysis:
     def telling_place(self, row: int, i: int) -> Whereabout | None:
         """Return the target region of an object if its position proves that it was brought there, else None.
 
-        A wide region, such as one side of another object, proves nothing, because the object may have been there from
-        the start.
+        A wide region, such as one side of another object, is not proof, because the object may have been there from the
+        start.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -384,15 +384,15 @@ class EpisodeAnalysis:
         """Return the wrong region in which a correct object was placed, with the rows of release and rest.
 
         Returns:
-            The rows and the region. None if the object was put in the right region, then or later, or in no region of
-            any target.
+            The rows and the region. None if the object was placed in the correct region, then or later, or outside the
+            regions of all targets.
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return self.put_down(step)
 
     def last_try(self, step: Step) -> Step:
-        """Return the decisive one of repeated attempts at an object: the first that lifted it, or the last."""
+        """Return the decisive attempt among repeated attempts at an object: the first that lifted it, or the last."""
         for later in self.steps:
             if later.grasp.start <= step.grasp.start:
                 continue
@@ -437,13 +437,13 @@ class EpisodeAnalysis:
         """Return evidence for row spans and objects, with time, position and instruction appended to its text."""
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
-        facts = [f"{float(time[first]):.1f} s"]
+        facts = [f"Time: {float(time[first]):.1f} s"]
         place = self._place(first, objects[0]) if objects else ""
-        if place and place.removeprefix("at ") not in text:
-            facts.append(place)
+        if place and place not in text:
+            facts.append(f"location: {place}")
         if not any(words in text for words in _INSTRUCTION_WORDS):
-            facts.append(f"instructed next: {self.asked_at(first)}")
-        said = f"{text.removesuffix('.')} ({', '.join(facts)})."
+            facts.append(f"next step: {self.asked_at(first)}")
+        said = f"{text.removesuffix('.')}. {'; '.join(facts)}."
         return Evidence(
             rule, said, float(time[first]), float(time[end]), tuple(self.name(i) for i in objects), shared, candidates
         )
@@ -452,7 +452,7 @@ class EpisodeAnalysis:
         """Return the instruction words of the due steps at a row, with the object kinds to which they refer."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
-        return listed(due) or "nothing"
+        return listed(due) or "none"
 
     def open_words(self, row: int) -> tuple[str, ...]:
         """Return the instruction words of the subgoals that are open at a row, each once."""
@@ -472,12 +472,12 @@ class EpisodeAnalysis:
             return ""
         place = trace.placed(row, i)
         if place is not None:
-            return f"at the {self.kind(place.target)}"
+            return f"the {self.kind(place.target)}"
         slot = trace.slot_of(row, i, THRESHOLDS.slot_reach)
         if slot is not None:
             return f"slot {slot!r}"
         x, y, z = trace.positions[row, i].tolist()
-        return f"at x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
+        return f"x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
         """Return evidence for an attempt."""
@@ -519,9 +519,9 @@ class EpisodeAnalysis:
         return f"the instruction asks for {self.asked_words(step.goal)}"
 
     def intended(self) -> tuple[int, ...]:
-        """Return the objects for which the first attempt would be right.
+        """Return the objects for which the first attempt would be correct.
 
-        The attempted object comes first if it is right. The others are ordered by subgoal and then by slot, so that
+        The attempted object comes first if it is correct. The others are ordered by subgoal and then by slot, so that
         neither names nor scene order matter.
         """
         if self.condition.expected is Expected.STAY_STILL:
@@ -536,13 +536,13 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Return whether the first attempt was right, or rightly absent (suite, section 4).
+        """Return whether the first attempt was correct, or correctly absent (suite, section 4).
 
-        An attempt at a wrong drawer is wrong, whatever is grasped afterward.
+        An attempt at a wrong drawer is wrong, even if a correct object is grasped afterward.
 
         Returns:
-            None if this cannot be decided: the first closing was on nothing between two objects, or every closing was
-            far from all objects.
+            None if this cannot be decided: the gripper first closed without an object between two objects, or only
+            closed far from all objects.
         """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
@@ -649,8 +649,8 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Return whether the gripper closed so far from an empty slot that it may have missed an object elsewhere.
 
     This is possible if an instructed object is about as near as the point at which demonstrations close in that slot,
-    or at least as near as seen from above: a closing above the rim of a plate missed the plate, at any height. If
-    training picked nothing from a slot, or the slot contains an object, the gripper must be at the slot's center.
+    or at least as near in the top view: a gripper that closes above the rim of a plate has missed the plate, at any
+    height. If the slot contains an object, or training did not pick from it, the gripper must be at the slot's center.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -665,13 +665,13 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return the objects of a right attempt: those requested now, and drawers that must be moved for them."""
+    """Return the objects of a correct attempt: those requested now, and drawers that must be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return gripper closings at instructed objects that are too weak for a grasp attempt but show the intention.
+    """Return weak grips at instructed objects, which are not grasp attempts but show the intention.
 
     The fingers hardly moved despite a long command to close, or they partly closed around the object and opened again
     several times. Objects that also have a grasp attempt are excluded.
@@ -697,7 +697,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
-    """Return whether a gripper closed on nothing in order to push a drawer shut, which requires a closed gripper."""
+    """Return whether an empty gripper closed in order to push a drawer shut, which requires a closed gripper."""
     if grasp.object is not None:
         return False
     _, now = _due(trace, instruction, grasp.start)
@@ -712,7 +712,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Return whether a grasp attempt at another object follows a push, whose object was then only in the way."""
+    """Return whether a grasp attempt at another object follows a push; the pushed object was then only in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
@@ -751,7 +751,7 @@ def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return the objects of a right attempt for a subgoal: its own, and drawers that must be moved first."""
+    """Return the objects of a correct attempt for a subgoal: its own, and drawers that must be moved first."""
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
@@ -773,7 +773,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return the object missed when the gripper closed on nothing; in case of doubt, the instructed object."""
+    """Return the object missed when the gripper closed without an object; in case of doubt, the instructed object."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -851,7 +851,7 @@ def finished_on(trace: Trace, instruction: Instruction, row: int, at: int | None
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
-    """Return the requested object and another one if each finger came down on one of them, or None.
+    """Return the requested object and another object if each finger came down on one of them, or None.
 
     An object that was lifted, or was between both fingers, was the only target.
     """
@@ -875,7 +875,7 @@ def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, 
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
-    """Return another object that was as near as the requested one when the gripper closed on nothing, or None."""
+    """Return another object that was as near as the requested object when the empty gripper closed, or None."""
     if grasp.object is not None or at is None:
         return None
     row = grasp.start

@@ -1,4 +1,4 @@
-"""Halts: the arm stays still or trembles in place until the end although subgoals are open."""
+"""Halts: the arm stays still or trembles in place until the end although subgoals are unfinished."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ from betterbench.tasks.relations import relation
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first permanent halt, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt in progress. Closing the gripper far from all
-    objects counts as an attempt. A subgoal is not open if its object is at the target when the arm comes to rest. If
-    the arm trembles in place, the halt lasts for ``tremble_time``; trembling over an instructed object is not a halt.
+    A halt lasts for ``halt_time`` with unfinished subgoals and no attempt in progress. Closing the gripper far from all
+    objects counts as an attempt. A subgoal does not count as unfinished if its object is at the target when the arm
+    comes to rest. If the arm trembles in place, the halt must last for ``tremble_time``; trembling over an instructed
+    object is not a halt.
 
-    A pause after which the arm continues is slowness, not a halt, and a final stop that is shorter than an earlier
-    pause may be a pause too. An arm that holds the right object at its target region, or has descended to it with open
-    fingers, has halted only if it does not move at all; otherwise, the gripper fails to open or to close.
+    A pause after which the arm continues is not a halt, and a final stop that is shorter than an earlier pause may be a
+    pause. If the arm holds the correct object at its target region, or has descended to it with open fingers, it has
+    halted only if it does not move at all; otherwise, the gripper fails to open or to close.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -131,7 +132,7 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
 
 
 def _in_place_from(trace: Trace) -> int:
-    """Return a row from which the arm moves in place until the end for long enough, or else the number of rows."""
+    """Return a row from which the arm stays in place until the end for long enough, or else the number of rows."""
     for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if stays_in_place(trace.tool, trace.time, begin):
             return begin

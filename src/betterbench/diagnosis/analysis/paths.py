@@ -1,4 +1,4 @@
-"""Rest and motion of a gripper from its path alone; the same rules for records of the simulator and of a real arm."""
+"""Rest and motion of a gripper from its path alone, with the same rules for simulated and real arms."""
 
 from __future__ import annotations
 

@@ -85,8 +85,8 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
     Args:
         record: The record.
         condition: Trial condition. Objects are identified by kind and slot, so their names do not matter.
-        step_limit: Step limit of the condition. Later rows are ignored, so idle time at the end of a record changes
-            nothing.
+        step_limit: Step limit of the condition. Later rows are ignored, so idle time at the end of a record has no
+            effect.
 
     Raises:
         RecordError: If the record lacks a predicate for a movable object, or an object of the condition.

@@ -18,26 +18,28 @@ from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FAMILIES: dict[str, str] = {
-    "faulty": "Every faulty policy moves as well as the expert and decides by one wrong rule. It reports its own "
-    "first wrong decision; the diagnosis uses only the records.",
-    "development": "Every policy of the independent family has one habit in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The diagnosis was developed on this part.",
-    "held_out": "Every policy of the independent family has one habit in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The diagnosis was never developed on this part.",
-    "second": "Every policy of the independent family has one habit in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis.",
-    "third": "Every policy of the independent family has one habit in one of three motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis, "
-    "and left out conditions with debatable labels.",
-    "fourth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis, "
-    "and chose habits whose label follows from the suite's definitions alone.",
-    "fifth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis "
-    "or its results on other parts, and a third of the failures attempt no grasp.",
-    "sixth": "Every policy of the independent family has one habit in one of three new motion styles, with its own "
-    "controller. Its true label is stated before the first action. The author of this part never saw the diagnosis "
-    "or its results on other parts, and chose faults that are known from learned policies.",
+    "faulty": "Every faulty policy moves as well as the expert and follows one wrong rule. It reports its own first "
+    "wrong decision; the diagnosis uses only the records.",
+    "development": "Every policy of the independent family has one faulty behavior in one of three motion styles, with "
+    "its own controller. Its true label is stated before the first action. The diagnosis was developed on this part.",
+    "held_out": "Every policy of the independent family has one faulty behavior in one of three motion styles, with "
+    "its own controller. Its true label is stated before the first action. This part was not used to develop the "
+    "diagnosis.",
+    "second": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its "
+    "own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis.",
+    "third": "Every policy of the independent family has one faulty behavior in one of three motion styles, with its "
+    "own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis, and excluded conditions with debatable labels.",
+    "fourth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with "
+    "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis, and chose behaviors whose label follows from the suite's definitions alone.",
+    "fifth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with "
+    "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis or its results on other parts, and a third of the failures are without a grasp attempt.",
+    "sixth": "Every policy of the independent family has one faulty behavior in one of three new motion styles, with "
+    "its own controller. Its true label is stated before the first action. The author of this part had not seen the "
+    "diagnosis or its results on other parts, and chose faults that are known from learned policies.",
 }
 """Descriptions of the sets of policies on which the diagnosis is measured: faulty policies, parts of the independent
 family.
@@ -113,7 +115,7 @@ class Calibration:
         crossed: Trials in which a reasoning failure was labeled as an execution failure, or vice versa.
         without_grasp: Correctly labeled trials, out of the failed trials without a grasp attempt.
         accused: Trials labeled as a reasoning failure, out of all trials of policies without a fault.
-        left_out: Number of trials that are not judged, because they show nothing about the policy's fault.
+        left_out: Number of trials that are not judged, because they are not evidence about the policy's fault.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -161,7 +163,7 @@ class Calibration:
 
     @property
     def failed_kinds(self) -> Rate:
-        """Trials with a label of the right kind, among trials whose true label is a failure."""
+        """Trials with a label of the correct kind, among trials whose true label is a failure."""
         counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 

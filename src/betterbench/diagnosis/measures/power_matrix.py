@@ -50,7 +50,7 @@ Key = tuple[str, str]
 
 
 def power_cure(tasks: Iterable[str]) -> str:
-    """Return how to get the power matrix of some tasks, as the end of a sentence without a period."""
+    """Return the command that measures the power matrix of some tasks, as the end of a sentence without a period."""
     chosen = tuple(tasks)
     folder = suite_folder_of(chosen)
     if folder is not None:
@@ -74,7 +74,7 @@ class PowerCell:
         k: Number of trials that succeeded.
         n: Number of trials.
         right: Number of trials whose first grasp attempt was at a requested object (suite, section 4).
-        shared: Trials that were not simulated because the rule decided like the expert throughout; they take over the
+        shared: Trials that were not simulated because all decisions of the rule agree with the expert's; they have the
             expert's outcome.
         wrong: Trials by label of the first wrong decision, for policies that report their decisions.
         failed: Number of trials with a wrong decision that did not succeed.
@@ -207,7 +207,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Return whether all pretenders except the rule that always fails succeed on a variation, as they should."""
+        """Return whether all pretenders succeed on a variation as expected, except the rule that always fails."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )
@@ -227,7 +227,8 @@ class PowerMatrix:
     def blind_cells(self) -> tuple[BlindCell, ...]:
         """Return every cell of the pretenders that lack an input, tested against the expected rate.
 
-        Variations in which doing nothing is right are excluded, because a pretender that does nothing would pass them.
+        Variations in which the policy should stay still are excluded, because a pretender that does not move would pass
+        them.
         """
         found = []
         for name in (*BLIND, *FLOOR):
@@ -263,7 +264,7 @@ class PowerMatrix:
         for name in sorted({key for key in (*earlier.versions, *self.versions) if not key.startswith(_OF_TASK)}):
             then, now = earlier.versions.get(name), self.versions.get(name)
             if then != now:
-                raise InvalidInputError("power matrix", f"{name} was {then}, and is {now} now", cure)
+                raise InvalidInputError("power matrix", f"{name} was {then} and is now {now}", cure)
         if list(earlier.cells) != list(self.cells):
             other = sorted(earlier.cells.keys() ^ self.cells.keys()) or ["another order"]
             raise InvalidInputError("power matrix", f"the pretenders have changed: {', '.join(other)}", cure)

@@ -93,7 +93,7 @@ class Standing:
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Other pretenders that tie with the nearest one."""
+        """Other pretenders with the same agreement as the nearest pretender."""
         best = self.nearest
         return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
 
@@ -126,7 +126,7 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
     """Return the comparison of a run's policy with the pretenders.
 
     For a run until decided, only the trials of the first round count. Tasks that have changed since the matrix was
-    measured, and tasks that the matrix does not contain, are left out and named in the notice. An unreadable matrix is
+    measured, and tasks that the matrix does not contain, are excluded and named in the notice. An unreadable matrix is
     reported in the notice and not raised.
 
     Args:

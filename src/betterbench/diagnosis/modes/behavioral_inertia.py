@@ -1,4 +1,4 @@
-"""Behavioral inertia: a frequent step of training is started without a request, or executed without its object."""
+"""Behavioral inertia: a frequent training step is executed although it is not requested, or without its object."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from betterbench.tasks.words import agreeing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Return whether the scene offers the usual first step, target or slot of training without a request for it.
+    """Return whether the usual first step, target or slot of training is possible in the scene but not requested.
 
     The next step of a memorized sequence is included if its object is missing.
-    Grasps at an emptied slot are included if they replace a step, or if nothing may be grasped. They are excluded if
-    another object is in a slot to which a word of the instruction led in training, because a first grasp there is
-    another failure mode.
+    Grasps at an emptied slot are included if they replace a step, or if no object may be grasped. They are excluded if
+    another object is in a slot to which a word of the instruction led in training, because a first grasp in this slot
+    is another failure mode.
     """
     if x.lacks_later_step:
         return True
@@ -60,10 +60,10 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
     short="inertia",
-    definition="A step that is frequent in training is started without an instruction; the step that followed in "
-    "training is executed without an instruction or at an empty slot; or the right object is placed where its kind "
-    "was placed in training, even if the target is no longer there. If an object must not be touched: the open "
-    "gripper stays over it, or closes while passing over it.",
+    definition="The policy starts a frequent training step that is not instructed; it executes the step that followed "
+    "in training, not instructed or at an empty slot; or it places the correct object where training placed its kind, "
+    "even if the target is no longer there. If an object must not be touched: the open gripper stays over it, or "
+    "closes while passing over it.",
     conclusion="It repeats the habitual step of training, requested or not.",
     sharper=sharper_by_rule(
         {
@@ -145,7 +145,7 @@ def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> 
 
 
 def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the right object is placed where training placed its kind, instead of the requested region."""
+    """Return evidence if the correct object is placed at its kind's training target instead of the requested one."""
     found = episode.wrong_place(step)
     if found is None or step.at is None:
         return None
@@ -161,7 +161,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence if an object's position would be right if the target were still in its training slot."""
+    """Return evidence if an object's position would be correct with the target in its training slot."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
         return None
@@ -238,5 +238,5 @@ def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     what = repr(words[0]) if words else f"the {' or the '.join(kinds)}"
     asked = episode.asked_for(step)
-    text = f"The gripper closes on nothing at slot {slot!r}, where {what} was picked in training; {asked}."
+    text = f"The gripper closes without an object at slot {slot!r}, where {what} was picked in training; {asked}."
     return episode.at_step("air_grasp_at_memorized_slot", text, step)

@@ -85,7 +85,7 @@ def _without(episode: EpisodeAnalysis, step: Step, missing: int) -> str:
 def _fills_another(episode: EpisodeAnalysis, drawer: int | None, content: int, row: int) -> bool:
     """Return whether the content of a drawer shut at a row is brought to another drawer afterward.
 
-    An open drawer blocks the one below it, so it was shut for the sake of the wrong target, which is then decisive.
+    An open drawer blocks the drawer below it, so it was shut because of the wrong target, which is then decisive.
     """
     later = (s for s in episode.steps if s.grasp.start > row and s.at in episode.meant[content])
     places = (found[2].target for s in later if (found := episode.wrong_place(s)) is not None)

@@ -1,4 +1,4 @@
-"""Early halt: the arm stops for good while subgoals are open."""
+"""Early halt: the arm stops permanently while subgoals are unfinished."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
-    definition="The arm does not move for 3 s or more until the end, while steps are open and no attempt is under way.",
+    definition="The arm does not move for at least the last 3 s, while steps are unfinished and no attempt is under "
+    "way.",
     conclusion="It stops before the task is done.",
     sharper=_sharper,
     finding="Stops for good with steps left to do",
@@ -50,5 +51,5 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     held = in_fingers(episode.trace, halt[1])
     how = "" if held is None else f" with the {episode.kind(held)} in the gripper"
-    text = f"The arm stands still to the end{how}; instructed and not yet done: {listed(episode.open_words(halt[0]))}."
+    text = f"The arm stands still to the end{how}; steps left: {listed(episode.open_words(halt[0]))}."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

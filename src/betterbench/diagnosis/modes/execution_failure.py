@@ -1,4 +1,4 @@
-"""Execution failure: the right target at the right time, but a failed manipulation."""
+"""Execution failure: the correct target at the right time, but a failed manipulation."""
 
 from __future__ import annotations
 
@@ -46,26 +46,26 @@ _HOW = {
     "knocked_out_of_place": _KNOCKS,
     "harm": _KNOCKS,
 }
-"""Descriptions of failed manipulation by evidence rule, to follow "It goes for the right objects, but"."""
+"""Descriptions of failed manipulation by evidence rule, to follow "It goes for the correct objects, but"."""
 
 
 _UNTOLD = {
     "missed_between": "between two objects",
     "missed_by_far": "far from all objects",
 }
-"""Descriptions of closing on nothing with an unknown target, by evidence rule."""
+"""Descriptions of empty grasps with an unknown target, by evidence rule."""
 
 
 def _untold(trial: TrialDiagnosis) -> str:
-    """Return the position of the first closing without a recognizable target, or an empty text."""
+    """Return the position of the first grasp without a recognizable target, or an empty text."""
     where = _UNTOLD.get(trial.evidence.rule, "")
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
 def _aims_right(trial: TrialDiagnosis) -> bool:
-    """Return whether the first attempt or the evidence rule of a trial shows that the target was right.
+    """Return whether the first attempt or the evidence rule of a trial shows that the target was correct.
 
-    Any object may be knocked over or brushed against, so the rules for that do not show the target.
+    Any object may be knocked over or brushed against, so the rules for these do not show the target.
     """
     return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
 
@@ -73,7 +73,7 @@ def _aims_right(trial: TrialDiagnosis) -> bool:
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return a sentence on the failed manipulation, if one or two descriptions cover nearly all trials.
 
-    The text says that the policy goes to the right objects only if nearly all of these trials show their target.
+    The text says that the policy goes to the correct objects only if nearly all of these trials show their target.
     """
     untold = Counter(where for trial in trials if (where := _untold(trial)))
     if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
@@ -91,7 +91,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     if aimless > (1.0 - SHARE_OF_ALL) * len(trials):
         said = f": it {how.replace('them', 'objects')}" if how else ""
         return f"Its manipulation fails{said}; {aimless} of {len(trials)} of these trials do not show its target."
-    return f"It goes for the right objects, but {how}." if how else ""
+    return f"It goes for the correct objects, but {how}." if how else ""
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:
@@ -99,15 +99,15 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
     untold = sum(bool(_untold(trial)) for trial in trials)
     if untold == len(trials):
         return ", with an unknown target"
-    return " of the right target" + (f", or of an unknown target ({plural(untold, 'trial')})" if untold else "")
+    return " of the correct target" + (f", or of an unknown target ({plural(untold, 'trial')})" if untold else "")
 
 
 @FailureMode(
     Label.EXECUTION_FAILURE,
     short="execution",
-    definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
+    definition="The correct target at the right time, but the object slipped, was dropped, missed or knocked away "
     "again, the arm collided, a drawer was left halfway, or an object that was not requested was harmed.",
-    conclusion="It goes for the right objects, but its manipulation fails.",
+    conclusion="It goes for the correct objects, but its manipulation fails.",
     sharper=_sharper,
     finding="Fails at the manipulation",
     detail=_about,
@@ -124,7 +124,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
-    """Return evidence for an episode in which every attempt was right but the goal was missed."""
+    """Return evidence for an episode in which every attempt was correct but the goal was not met."""
     last = episode.trace.rows - 1
     if episode.condition.expected is not Expected.SUCCEED:
         text = "No wrong object was grasped, but the arm did not come to rest or touched an object."
@@ -136,12 +136,12 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     many = len(kinds) > 1 or any(map(is_plural, kinds))
     state = "are" if many else "is"
     which = f": the {listed(kinds)} {state} not at rest and released at the target" if kinds else " for long enough"
-    text = f"Every attempt was right, but the goal is not met at the end{which}."
+    text = f"Every attempt was correct, but the goal is not met at the end{which}."
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
 
 def _of_step(trial: TrialView, step: Step) -> Evidence | None:
-    """Return evidence of a failed manipulation after one right decision, or None."""
+    """Return evidence of a failed manipulation after one correct decision, or None."""
     episode = trial.episode
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
@@ -155,13 +155,13 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
     if step.between is not None and step.at is not None:
         how, why = _between_words(episode, step)
         text = (
-            f"The gripper closes{how} between the {episode.kind(step.at)}, the right target, and the "
+            f"The gripper closes{how} between the {episode.kind(step.at)}, the correct object, and the "
             f"{episode.kind(step.between)}, {why}: either may have been the target."
         )
         return episode.at_step("missed_between", text, step)
     if i is None:
         missed = "an empty slot" if step.at is None else f"the {episode.kind(step.at)}"
-        return episode.at_step("missed_by_pose", f"The gripper closes beside {missed}, the right target.", step)
+        return episode.at_step("missed_by_pose", f"The gripper closes beside {missed}, the correct object.", step)
     drawer = episode.trace.is_drawer(i)
     if drawer and _moved_later(episode, step, i):
         return None
@@ -170,26 +170,26 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
             return None  # the episode ended with the object between the fingers, before it could be lifted
         if any(s.grasp.object == i and s.grasp.secured and s.grasp.start > step.grasp.start for s in episode.steps):
             return None  # a later grasp lifted it, so that grasp decides
-        text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
+        text = f"The gripper closes on the {episode.kind(i)}, the correct object, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
 
 
 def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
-    """Return evidence if the gripper closed at the right target without gripping it."""
+    """Return evidence if the gripper closed at the correct target without gripping it."""
     kind, grasp, trace = episode.kind(i), step.grasp, episode.trace
     if trace.touched[grasp.start : grasp.release, i].any():
-        text = f"The gripper closes slightly at the {kind}, the right target, and does not hold it."
+        text = f"The gripper closes slightly at the {kind}, the correct object, and does not hold it."
         return episode.at_step("weak_grip", text, step)
     if trace.width[grasp.start] - trace.width[grasp.end] >= CLOSED_IN_PART:
-        text = f"The fingers close around the {kind}, the right target, without touching it."
+        text = f"The fingers close around the {kind}, the correct object, without touching it."
         return episode.at_step("closed_in_part", text, step)
-    text = f"The gripper is commanded to close at the {kind}, the right target, and its fingers hardly move."
+    text = f"The gripper is commanded to close at the {kind}, the correct object, and its fingers hardly move."
     return episode.at_step("weak_grip", text, step)
 
 
 def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
-    """Return clauses about a gripper that closes between two objects, and about why its target is ambiguous."""
+    """Return clauses about a gripper that closes between two objects, and about the reason for the ambiguous target."""
     before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
     if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
         return "", "on which a finger presses too"
@@ -213,7 +213,7 @@ def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
 
 
 def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the right target was pushed and never grasped."""
+    """Return evidence if the correct target was pushed and never grasped."""
     for step in episode.others:
         if step.means is not Means.PUSH or step.target is not AttemptTarget.ASKED or step.at is None:
             continue
@@ -223,13 +223,13 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
         way = episode.trace.positions[end, step.at] - episode.trace.positions[max(0, start - 1), step.at]
         cm = 100 * float(np.linalg.norm(way[:2]))
         far = f" over {cm:.0f} cm" if cm >= 1.0 else ""  # it may have come back, or have turned in its place
-        text = f"The gripper pushes the {episode.kind(step.at)}, the right target,{far} and does not grasp it."
+        text = f"The gripper pushes the {episode.kind(step.at)}, the correct object,{far} and does not grasp it."
         return episode.at_step("pushed", text, step)
     return _shoved_aside(episode)
 
 
 def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the right target was repeatedly moved aside by less than a push, and never grasped."""
+    """Return evidence if the correct target was repeatedly moved aside by less than a push, and never grasped."""
     times: dict[int, list[Stay]] = {}
     for shove in episode.shoves:
         due = episode.wanted(shove.start)
@@ -238,29 +238,29 @@ def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
     for i, shoves in times.items():
         if len(shoves) < SHOVED_AGAIN or episode.trace.there[-1, i]:
             continue
-        text = f"The gripper moves the {episode.kind(i)}, the right target, aside repeatedly and never grasps it."
+        text = f"The gripper moves the {episode.kind(i)}, the correct object, aside repeatedly and never grasps it."
         return episode.evidence("pushed", text, rows=(shoves[0].start, shoves[-1].end), objects=(i,))
     return None
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper reached the right target closed, bumped into it, or never closed far enough."""
+    """Return evidence if the gripper reached the correct target closed, bumped into it, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
     trace, kind, objects = episode.trace, episode.kind(stay.at), (stay.at,)
     rows = comes_shut(trace, episode.idle_from, stay.at)
     if rows is not None:
-        text = f"The gripper comes to the {kind}, the right target, with its fingers shut."
+        text = f"The gripper comes to the {kind}, the correct object, with its fingers shut."
         return episode.evidence("comes_shut", text, rows=rows, objects=objects)
     rows = runs_into(trace, episode.idle_from, stay.at)
     if rows is not None:
-        text = f"The open gripper repeatedly runs into the {kind}, the right target, and never grasps it."
+        text = f"The open gripper repeatedly runs into the {kind}, the correct object, and never grasps it."
         return episode.evidence("run_into", text, rows=rows, objects=objects)
     rows = closes_in_part(trace, episode.idle_from, stay.at)
     if rows is None:
         return None
-    text = f"The fingers close around the {kind}, the right target, without touching it."
+    text = f"The fingers close around the {kind}, the correct object, without touching it."
     return episode.evidence("closed_in_part", text, rows=rows, objects=objects)
 
 
@@ -278,7 +278,7 @@ def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
         then, now = openings[: max(lately - fist.start, 0)], openings[max(lately - fist.start, 0) :]
         if fist.release > last and (not then or min(then) - min(now) > THRESHOLDS.rest_travel):
             return None  # the step limit was reached while it pushed
-        text = f"The closed gripper should push the {episode.kind(i)}, the right target, shut, but leaves it open."
+        text = f"The closed gripper should push the {episode.kind(i)}, the correct object, shut, but leaves it open."
         return episode.evidence("drawer_left_halfway", text, rows=(fist.start, min(fist.release, last)), objects=(i,))
     return None
 
@@ -297,7 +297,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
         gaps = trace.box_distances(closing.end, tool)
         near = min(trace.items, key=lambda i: (gaps[i], i), default=None)
         where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest object"
-        text = f"The gripper closes on nothing{where}; the instruction asks for {episode.asked_words(due[0])}."
+        text = f"The gripper closes without an object{where}; the instruction asks for {episode.asked_words(due[0])}."
         return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))
     return None
 
@@ -335,10 +335,10 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
-    """Return evidence if the gripper released a drawer halfway and nothing moved it further."""
+    """Return evidence if the gripper released a drawer halfway and the drawer was not moved further."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
         return None  # the episode ended while the gripper was on the drawer
-    text = f"The gripper moves the {episode.kind(drawer)}, the right target, and leaves it halfway."
+    text = f"The gripper moves the {episode.kind(drawer)}, the correct object, and leaves it halfway."
     return episode.at_step("drawer_left_halfway", text, step)
 
 
@@ -355,25 +355,25 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     if fall > THRESHOLDS.fall_height:
         how, height = "drops" if gone >= step.grasp.release else "loses", f"{100 * fall:.0f} cm"
         comes = agreeing(kind, "it comes", "they come")
-        text = f"The gripper {how} the {kind}, the right target, {height} above where {comes} to rest."
+        text = f"The gripper {how} the {kind}, the correct object, {height} above where {comes} to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
     if gone < step.grasp.release:
         verb = agreeing(kind, "slips", "slip")
-        text = f"The {kind}, the right target, {verb} out of the closed gripper and {agreeing(kind, 'stays', 'stay')}"
+        text = f"The {kind}, the correct object, {verb} out of the closed gripper and {agreeing(kind, 'stays', 'stay')}"
         return episode.evidence("dropped", f"{text} outside the goal.", rows=(gone, rest), objects=(i,))
     how = (
         f"left on {agreeing(kind, 'its', 'their')} side"
         if _lies_in_goal(episode, rest, i)
         else "let go outside the goal"
     )
-    text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} {how}."
+    text = f"The {kind}, the correct object, {agreeing(kind, 'is', 'are')} {how}."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
 
 
 def _put_back(episode: EpisodeAnalysis, step: Step, rows: tuple[int, int]) -> bool:
     """Return whether an object was put back where it stood before the attempt, and the next attempt is wrong.
 
-    Then the manipulation did not fail; the policy abandoned the right object for another one.
+    The manipulation then did not fail; the policy abandoned the correct object for another object.
     """
     trace, i, (gone, rest) = episode.trace, step.grasp.object, rows
     if i is None or gone < step.grasp.release:
@@ -397,7 +397,7 @@ def _lies_in_goal(episode: EpisodeAnalysis, row: int, i: int) -> bool:
 
 
 def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper opened and the right target stayed on its open fingers until the end.
+    """Return evidence if the gripper opened and the correct target stayed on its open fingers until the end.
 
     For example, a mug can jam on the fingers. The policy has released the object, so an arm that rests afterward has
     not halted.
@@ -414,7 +414,7 @@ def _stuck(episode: EpisodeAnalysis) -> Evidence | None:
         if in_fingers(trace, last) == i and raised and not trace.there[last, i]:
             kind = episode.kind(i)
             stays = agreeing(kind, "stays", "stay")
-            text = f"The gripper opens, but the {kind}, the right target, {stays} on its open fingers to the end."
+            text = f"The gripper opens, but the {kind}, the correct object, {stays} on its open fingers to the end."
             return episode.evidence("stuck_on_fingers", text, rows=(opened, last), objects=(i,))
     return None
 
@@ -474,7 +474,7 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
     row, g = min(found)
     kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
     was, now = agreeing(kinds, "was", "were"), agreeing(kinds, "is", "are")
-    text = f"The {kinds} {was} in the right place and {now} knocked away."
+    text = f"The {kinds} {was} at the target and {now} knocked away."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 
@@ -495,5 +495,5 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     part = "gripper" if trace.touched[row, i] else "arm" if trace.by_arm[row, i] else None
     kind = episode.kind(i)
     what = f"The {part} brushes against the {kind}" if part else f"The {kind} {agreeing(kind, 'is', 'are')} moved"
-    text = f"{what}, although nothing may be touched."
+    text = f"{what}, although no object may be touched."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))

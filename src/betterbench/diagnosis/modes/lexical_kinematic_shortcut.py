@@ -23,8 +23,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     short="lexical",
-    definition="The first attempt is at the place where a word of the instruction led in training, at another object "
-    "that is there now and that some instruction of the task asks to move.",
+    definition="A word of the instruction led to a slot in training, and the first attempt is at another object that "
+    "is now in this slot. Some other instruction of the task asks to move this object.",
     conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
     finding="Goes where the word led in training, to another object",
     rule=WORD,
@@ -91,10 +91,10 @@ def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> boo
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
-    """Return the subgoal that an attempt serves with an object that the instruction names for another subgoal, or None.
+    """Return the subgoal to whose target an attempt brings the object of another subgoal, or None.
 
     If the order is free, a policy that mistakes the mug for the mouse is recognized only by the target to which it
-    brings the mug. If training brought mugs there, habit is the simpler explanation.
+    brings the mug. If training brought mugs to this target, habit is the simpler explanation.
     """
     step = episode.last_try(step)
     goal = episode.taken_for(step)

@@ -1,4 +1,4 @@
-"""Order violation: the right objects are handled in the wrong order, and the order is part of the goal."""
+"""Order violation: the correct objects are handled in the wrong order, and the order is part of the goal."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.ORDER_VIOLATION,
     short="order",
-    definition="The right objects are handled in the wrong order where the order is part of the goal.",
-    conclusion="It handles the right objects in the wrong order.",
+    definition="The correct objects are handled in the wrong order where the order is part of the goal.",
+    conclusion="It handles the correct objects in the wrong order.",
     sharper=sharper_by_rule(
         {
             "memorized_order": "It continues with the step that came next in training, although the instruction has "
             "another order.",
         }
     ),
-    finding="Handles the right objects in the wrong order",
+    finding="Handles the correct objects in the wrong order",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:

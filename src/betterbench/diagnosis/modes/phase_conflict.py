@@ -34,8 +34,9 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.PHASE_CONFLICT,
     short="phase",
-    definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper moves back and forth until the end, displaces nothing, and does not approach an instructed object.",
+    definition="The initial state looks like the middle of a demonstration, and the arm freezes without an attempt; or "
+    "the empty gripper moves back and forth until the end, displaces no object, and does not approach an instructed "
+    "object.",
     conclusion="It does not recognize the due step: it freezes in half-finished scenes, or moves back and forth.",
     sharper=sharper_by_rule(
         {
@@ -68,15 +69,15 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
     where = f"between {listed(names)}" if (names := _names(episode, rows)) else "without a recognizable target"
-    text = f"The empty gripper moves to and fro {where} until the end, {way:.1f} m in total, and never grasps."
+    text = f"The empty gripper moves back and forth {where} until the end, {way:.1f} m in total, and never grasps."
     return episode.evidence("to_and_fro", text, rows=rows)
 
 
 def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the empty gripper moves back and forth where the object of a trained step is missing.
 
-    The scene looks half finished, and nothing is left to do: the paper's phase conflict II. Where all trained steps are
-    finished, restlessness alone is no evidence of a wrong phase.
+    The scene looks half finished, and no step is left: the paper's phase conflict II. If all trained steps are
+    finished, such motion alone is not evidence of a wrong phase.
     """
     if not episode.condition.mid_task_look or episode.steps or not _misses_an_object(episode):
         return None
@@ -85,14 +86,14 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     way = float(np.ptp(path_length(episode.trace.tool)[[*rows]]))
     text = (
-        "The scene looks like the middle of a demonstration, nothing is left to do, and the empty gripper moves to "
-        f"and fro until the end, {way:.1f} m in total."
+        "The scene looks like the middle of a demonstration, no step is left, and the empty gripper moves back and "
+        f"forth until the end, {way:.1f} m in total."
     )
     return episode.evidence("to_and_fro", text, rows=rows)
 
 
 def _misses_an_object(episode: EpisodeAnalysis) -> bool:
-    """Return whether no object of the scene fits a step that training had for the same instruction."""
+    """Return whether the object of a training step for the same instruction is missing from the scene."""
     condition = episode.condition
     present = {o.kind for o in condition.objects}
     return any(
@@ -104,7 +105,7 @@ def _misses_an_object(episode: EpisodeAnalysis) -> bool:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Return whether the empty gripper moves an object aside after its last closing, or leads to a requested object."""
+    """Return whether the empty gripper moves an object aside after its last grasp, or approaches a requested object."""
     first, last = min(rows[0], episode.idle_from), rows[1]
     shoves = any(shove.end >= first for shove in episode.shoves)
     way = episode.trace.positions[last] - episode.trace.positions[first]
@@ -127,7 +128,7 @@ def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
-    """Return evidence if the open gripper repeatedly comes over the right object and leaves again until the end."""
+    """Return evidence if the open gripper repeatedly comes over the correct object and leaves again until the end."""
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)
@@ -136,8 +137,8 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
     if rows is None or failed:
         return None
     text = (
-        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the right target, and leaves again until "
-        "the end, and never grasps."
+        f"The open gripper repeatedly comes over the {episode.kind(stay.at)}, the correct object, and leaves again "
+        "until the end, and never grasps."
     )
     return episode.evidence("to_and_fro", text, rows=rows, objects=(stay.at,))
 

@@ -61,7 +61,7 @@ def _exposed(x: Exposure) -> bool:
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
     definition="The attempt is at an object that no instruction of the task asks to move, even if a word of the "
-    "instruction led to its place in training. Placement targets of this instruction are excluded.",
+    "instruction led to its slot in training. Placement targets of this instruction are excluded.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
     finding="Goes for an object that no instruction asks to move",
@@ -84,7 +84,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
-    """Return the properties that the object of an attempt shares with the requested one: color, shape, trained slot."""
+    """Return the properties shared by the attempted and the requested object: color, shape, trained slot."""
     if step.at is None:
         return ()
     found = episode.trace.info.objects[step.at]

@@ -1,4 +1,4 @@
-"""Timeout: the step limit is reached with open subgoals although no wrong attempt was made."""
+"""Timeout: the step limit is reached with unfinished subgoals and without a wrong attempt."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from betterbench.tasks.labels import Label
 
 _BY_MECHANISM = sharper_by_rule(
     {
-        "never_closes": "It goes for the right objects, but its gripper never closes on them.",
-        "does_not_close": "It goes for the right objects, but its gripper does not close on them.",
-        "never_descends": "It moves over the right objects, but its gripper does not come down to them.",
-        "never_opens": "It brings the right objects to their target regions, but its gripper never opens there.",
+        "never_closes": "It goes for the correct objects, but its gripper never closes on them.",
+        "does_not_close": "It goes for the correct objects, but its gripper does not close on them.",
+        "never_descends": "It moves over the correct objects, but its gripper does not come down to them.",
+        "never_opens": "It brings the correct objects to their target regions, but its gripper never opens there.",
     }
 )
 
@@ -33,7 +33,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.TIMEOUT,
     short="timeout",
-    definition="Every attempt was right, or no other object was attempted, and the step limit was reached.",
+    definition="Every attempt was correct, or no other object was attempted, and the step limit was reached.",
     conclusion="It makes no mistake, but runs out of time.",
     sharper=_sharper,
     finding="Makes no wrong attempt, but reaches the step limit",
@@ -44,22 +44,22 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     last = episode.trace.rows - 1
     words = listed(episode.open_words(last))
-    tail = f"; instructed and not yet done: {words}" if words else ""
+    tail = f"; steps left: {words}" if words else ""
     rule, course = _stuck(episode) or ("step_limit", _course(episode, last))
     return episode.evidence(rule, f"The step limit is reached {course}{tail}.", rows=(last, last))
 
 
 def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
-    """Return the rule and the clause for a gripper that never closes on the right object, or never releases it."""
+    """Return the rule and the clause for a gripper that never closes on the correct object, or never releases it."""
     trace, first = episode.trace, episode.idle_from
     reached = comes_down_to(trace, first)
     if reached is not None and reached in episode.wanted(first):
         kind = episode.kind(reached)
         if not trace.closing.any():
-            return "never_closes", f"with a gripper that came down to the {kind}, the right target, and never closed"
+            return "never_closes", f"with a gripper that came down to the {kind}, the correct object, and never closed"
         return (
             "does_not_close",
-            f"with a gripper that came down to the {kind}, the right target, and did not close on it",
+            f"with a gripper that came down to the {kind}, the correct object, and did not close on it",
         )
     stay = _stay(episode)
     if stay is not None and stays_above(trace, first, stay):
@@ -68,7 +68,7 @@ def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
     if kept is None:
         return None
     kind = episode.kind(kept)
-    return "never_opens", f"with the {kind} in a gripper that reached the right place and never opened"
+    return "never_opens", f"with the {kind} in a gripper that reached the target and never opened"
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
@@ -77,7 +77,7 @@ def _stay(episode: EpisodeAnalysis) -> int | None:
 
 
 def _over(episode: EpisodeAnalysis, i: int) -> str:
-    return f"while the open gripper stays over the {episode.kind(i)}, the right target"
+    return f"while the open gripper stays over the {episode.kind(i)}, the correct object"
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
@@ -89,5 +89,5 @@ def _course(episode: EpisodeAnalysis, last: int) -> str:
     if stay is not None:
         return _over(episode, stay)
     if not episode.steps and not episode.open_words(last):
-        return "by an arm that had nothing to do and did not keep still"
-    return "although every attempt was right" if episode.steps else "on the way to a first attempt"
+        return "by an arm that had no step left and did not stay still"
+    return "although every attempt was correct" if episode.steps else "on the way to a first attempt"

@@ -16,8 +16,8 @@ from betterbench.tasks.labels import Label
 def _exposed(x: Exposure) -> bool:
     """Return whether the slot picked for most words in training contains a known object that must not be picked now.
 
-    Objects that no instruction names are excluded, because an attempt at such an object shows another fault. An empty
-    slot is excluded too, because a grasp there does no harm, unless nothing may be grasped.
+    Objects that no instruction names are excluded, because an attempt at such an object shows another fault. Empty
+    slots are also excluded, because a grasp at an empty slot is harmless, unless no object may be grasped.
     """
     slot = x.trained.favorite_slot
     kind = x.movable_in(slot)

@@ -15,7 +15,7 @@ from betterbench.tasks.words import agreeing
 
 
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return a sentence about what nearly all trials have in common: a wrong target, or an object kind attempted first.
+    """Return a sentence about the property common to nearly all trials: a wrong target, or the first object's kind.
 
     An object kind is named only if the instructed kinds differ.
     """

@@ -48,9 +48,9 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
     """Return an object that instructions may refer to.
 
     Args:
-        name: Name in the scene; it carries no meaning.
-        kind: Object noun in instructions; the name with spaces if not given.
-        category: Its asset's category; the kind with underscores if not given.
+        name: Name in the scene; it has no meaning.
+        kind: Noun for the object in instructions; default: the name with spaces.
+        category: Category of its asset; default: the kind with underscores.
         color: Its asset's color, or None to let the generator choose.
     """
     return _object("item", name, kind, category, color)

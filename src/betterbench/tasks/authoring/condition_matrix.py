@@ -62,7 +62,7 @@ class ConditionMatrix:
         pairs = [(row, column) for row in State for column in State]
         if [(cell.row, cell.column) for cell in self.cells] != pairs:
             cure = "Give one cell for each pair of states, row by row"
-            raise InvalidInputError(where, f"its {len(self.cells)} cells are not the nine pairs of states", cure)
+            raise InvalidInputError(where, f"its {len(self.cells)} cells do not match the nine pairs of states", cure)
         names = [name for cell in self.cells for name in cell.conditions]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:

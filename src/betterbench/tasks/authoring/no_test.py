@@ -1,4 +1,4 @@
-"""The check that listed regimes contain no test."""
+"""Check that listed regimes do not contain tests."""
 
 from betterbench.errors import InvalidInputError
 from betterbench.tasks.authoring.task import Task

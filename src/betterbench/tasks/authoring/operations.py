@@ -200,7 +200,7 @@ def _require_free(condition: Condition, slot: str) -> None:
 def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
     condition.object(spec.name)
     if spec.name not in condition.layout:
-        raise _refused(condition, spec, "it starts in no slot", "Name an object that starts in a slot")
+        raise _refused(condition, spec, "it does not start in a slot", "Name an object that starts in a slot")
 
 
 def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:

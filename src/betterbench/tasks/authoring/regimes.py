@@ -19,7 +19,7 @@ class ListedRegime:
     Attributes:
         conditions: Conditions; the registry names them balanced1, diverse1 and so on, in this order.
         crossed: Crossed and tied factors, one line each.
-        slots: Slots that only conditions of listed regimes use; nothing is picked from these slots.
+        slots: Slots that only conditions of listed regimes use; objects are not picked from these slots.
     """
 
     conditions: tuple[Condition, ...]

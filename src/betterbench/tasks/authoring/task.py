@@ -19,11 +19,11 @@ class Task:
     Attributes:
         version: Version of its behavior, incremented if a goal, tolerance or instruction changes.
         template: The constraint template of the task.
-        training: The training regime; the registry names its conditions train1, train2, ... in this order.
+        training: The training conditions; the registry names them train1, train2, ... in this order.
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
         description: Description of the task; the registry sets it to the first line of that function's docstring.
         regimes: Listed regimes by name: "balanced", "diverse-confounded".
-        robot: Name of the robot within whose reach the slots lie.
+        robot: Name of the robot for which the slots are laid out.
         matrices: Diagnostic matrices whose cells are conditions of the task.
     """
 

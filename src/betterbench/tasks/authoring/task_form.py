@@ -38,7 +38,7 @@ from betterbench.tasks.user_files import READERS, TaskFile
 SCHEMA_VERSION = 1
 """Version of the form."""
 
-_CURE = "Write it as task_to_json writes the tasks of the suite"
+_CURE = "Compare it with the output of task_to_json for a task of the suite"
 
 _DEFAULT = Slot("default", 0.0, 0.0)
 
@@ -345,7 +345,9 @@ def _template(form: str | dict[str, Any], where: str) -> Template:
     if isinstance(form, str):
         if form not in TEMPLATES:
             problem = one_line(str(UnknownNameError("template", form, TEMPLATES)), most=400).rstrip(".")
-            raise InvalidInputError(f"{where}: template", problem, "Name one, or write the whole template there")
+            raise InvalidInputError(
+                f"{where}: template", problem, "Give the name of a packaged template, or a complete template"
+            )
         return TEMPLATES[form]
     try:
         return template_from_json(form)

@@ -21,7 +21,9 @@ PATTERNED_ARRANGEMENT = Template(
             role="fixture",
         ),
         ObjectGroup("items", "Objects that may be requested.", ("desk object", "cutlery", "cup"), (2, 4), role="item"),
-        ObjectGroup("distractors", "Objects that stay.", ("tableware", "desk object"), (0, 6), role="distractor"),
+        ObjectGroup(
+            "distractors", "Objects that must stay in place.", ("tableware", "desk object"), (0, 6), role="distractor"
+        ),
     ),
     relation="beside",
     exclusive=True,
@@ -36,7 +38,7 @@ LOOSE_PACKING = Template(
     challenge="Free-form containment while tracking which of several similar objects are already packed.",
     goal=(
         "The named objects are inside the container, at rest and released, packed in the named order "
-        "where the instruction gives one; nothing else is inside."
+        "where the instruction gives one; no other object is inside."
     ),
     premise="The named objects are in their slots; objects already inside are part of the setup.",
     groups=(
@@ -48,13 +50,15 @@ LOOSE_PACKING = Template(
             role="container",
         ),
         ObjectGroup("items", "Requested objects; several may be alike.", ("food", "small object"), (1, 6), role="item"),
-        ObjectGroup("distractors", "Objects that stay.", ("food", "small object"), (0, 6), role="distractor"),
+        ObjectGroup(
+            "distractors", "Objects that must stay in place.", ("food", "small object"), (0, 6), role="distractor"
+        ),
     ),
     relation="inside",
     exclusive=True,
     order="named",
 )
-"""Named objects go into a container, in any pose, but drinks not on their side; no other object does."""
+"""Named objects, and no others, go into a container, in any pose; drinks must not lie on their side."""
 
 CONSTRAINED_POSITIONING = Template(
     name="constrained_positioning",
@@ -62,13 +66,13 @@ CONSTRAINED_POSITIONING = Template(
     description="Put the named object on the marked region of the fixture, aligned with it.",
     challenge="High-precision alignment with a static fixture of the environment.",
     goal="The named object stands centered on the marked region, upright, with its handle clear, at rest and released.",
-    premise="The named object is in its slot and the marked region is free, unless nothing is left to do.",
+    premise="The named object is in its slot and the marked region is free, unless no step is left.",
     groups=(
         ObjectGroup(
             "fixture", "Fixture with the marked region.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
         ),
         ObjectGroup("items", "Objects that may be requested.", ("cup", "mug", "bowl"), (1, 4), role="item"),
-        ObjectGroup("distractors", "Objects that stay on the table.", ("kitchenware",), (0, 4), role="distractor"),
+        ObjectGroup("distractors", "Objects that must stay on the table.", ("kitchenware",), (0, 4), role="distractor"),
     ),
     relation="on_ring",
     exclusive=True,
@@ -80,14 +84,14 @@ CONTAINER_LOADING = Template(
     name="container_loading",
     title="Container Loading",
     description="Put the named objects into the named drawers and close them.",
-    challenge="Articulated containers whose state decides what can be done next.",
+    challenge="Articulated containers whose state determines the possible next steps.",
     goal=(
-        "The named objects are in the named drawers, nothing else is in a drawer, and the named drawers "
+        "The named objects are in the named drawers, no other object is in a drawer, and the named drawers "
         "are closed, all at rest and released."
     ),
-    premise="The named objects are in their slots, and each drawer is open as far as the condition says.",
+    premise="The named objects are in their slots, and each drawer is opened as the condition defines.",
     groups=(
-        ObjectGroup("cabinet", "Cabinet of the drawers.", ("cabinet",), (1, 1), role="fixture"),
+        ObjectGroup("cabinet", "Cabinet that contains the drawers.", ("cabinet",), (1, 1), role="fixture"),
         ObjectGroup(
             "drawers",
             "Drawers to load; each slides on rails with friction and stops.",
@@ -96,7 +100,13 @@ CONTAINER_LOADING = Template(
             role="drawer",
         ),
         ObjectGroup("items", "Objects that may be requested.", ("office supply", "small object"), (1, 4), role="item"),
-        ObjectGroup("distractors", "Objects that stay.", ("office supply", "small object"), (0, 4), role="distractor"),
+        ObjectGroup(
+            "distractors",
+            "Objects that must stay in place.",
+            ("office supply", "small object"),
+            (0, 4),
+            role="distractor",
+        ),
     ),
     relation="inside",
     exclusive=True,
@@ -114,13 +124,15 @@ LOGICAL_ASSEMBLY = Template(
     challenge="Strict order: a layer below cannot be added later.",
     goal=(
         "The named layers lie on each other in the named order, centered over the base and flat, at rest and "
-        "released; nothing else is there."
+        "released; no other object is in the stack."
     ),
     premise="The named layers are in their slots; layers already on the base are part of the setup.",
     groups=(
         ObjectGroup("base", "Base of the stack.", ("bun", "plate", "tray"), (1, 1), role="container"),
         ObjectGroup("layers", "Requested layers; several may be alike.", ("food layer", "block"), (2, 6), role="item"),
-        ObjectGroup("distractors", "Objects that stay.", ("food layer", "small object"), (0, 4), role="distractor"),
+        ObjectGroup(
+            "distractors", "Objects that must stay in place.", ("food layer", "small object"), (0, 4), role="distractor"
+        ),
     ),
     relation="layer",
     exclusive=True,
@@ -132,7 +144,7 @@ PRECISION_INSERTION = Template(
     name="precision_insertion",
     title="Precision Insertion",
     description="Put the named objects into the named holes of the rack, in any order.",
-    challenge="Contact-rich alignment within 3 mm a side; collisions with the rack are counted.",
+    challenge="Contact-rich alignment within 3 mm on each side; collisions with the rack are counted.",
     goal=(
         "Each named object stands on the floor of its named hole, upright, at rest and released; nothing "
         "else was put into a hole."
@@ -141,7 +153,7 @@ PRECISION_INSERTION = Template(
     groups=(
         ObjectGroup("rack", "Object with the holes.", ("rack", "stand", "charger"), (1, 1), role="fixture"),
         ObjectGroup("items", "Objects that may be requested.", ("jar", "bottle", "plug"), (1, 6), role="item"),
-        ObjectGroup("distractors", "Objects that stay.", ("jar", "bottle"), (0, 4), role="distractor"),
+        ObjectGroup("distractors", "Objects that must stay in place.", ("jar", "bottle"), (0, 4), role="distractor"),
     ),
     relation="in_hole",
     exclusive=True,
@@ -153,12 +165,12 @@ RECURSIVE_STACKING = Template(
     name="recursive_stacking",
     title="Recursive Stacking",
     description="Put the named plate on the named plate or stack.",
-    challenge="Targets that move: a plate that was just stacked can be the target of the next one.",
+    challenge="Moving targets: a stacked plate can be the target of the next plate.",
     goal=(
         "Each named plate is at the center of the target plate, flat and touching it, at rest and released; nothing "
         "else was put on an instructed plate."
     ),
-    premise="The named plates are in their slots or on another plate as the condition says.",
+    premise="The named plates are in their slots or on another plate, as the condition defines.",
     groups=(
         ObjectGroup(
             "plates",
@@ -167,7 +179,7 @@ RECURSIVE_STACKING = Template(
             (2, 4),
             role="item",
         ),
-        ObjectGroup("distractors", "Objects that stay.", ("bowl", "plate"), (0, 3), role="distractor"),
+        ObjectGroup("distractors", "Objects that must stay in place.", ("bowl", "plate"), (0, 3), role="distractor"),
     ),
     relation="on_plate",
     exclusive=True,

@@ -68,7 +68,7 @@ class TrainingDistribution:
 
 
 def training_distribution_of(task: Task) -> TrainingDistribution:
-    """Return the regularities of a task's training regime."""
+    """Return the regularities of a task's training conditions."""
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}
     standing: dict[str, set[str]] = {}

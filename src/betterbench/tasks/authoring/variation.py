@@ -16,7 +16,7 @@ class Variation:
         title: Difference from training in a few words, for tables.
         hypothesis: Ability that a success demonstrates.
         base: Name of the training condition. Its trial with the same seed is the counterfactual twin.
-        support: Whether all poses lie inside the training regime.
+        support: Whether all poses are inside the training distribution.
         watch_steps: Control steps for which the episode continues after the goal is met. A grasp attempt in this time
             is a failure.
     """

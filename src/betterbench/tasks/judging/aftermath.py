@@ -1,4 +1,4 @@
-"""Aftermath: grasp attempts after the goal is met, in conditions that watch the policy a while longer."""
+"""Aftermath: grasp attempts after the goal is met, in conditions that continue for some time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks.judging.picked_slots import PickedSlot
 
 
 class Aftermath:
-    """Tracker of an episode that continues after its goal is met. Pass every state in order, starting at reset."""
+    """Tracker of an episode after its goal is met. It must be passed every state in order, starting at reset."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         """Prepare for an episode.
@@ -37,6 +37,6 @@ class Aftermath:
             self._met = self._row
 
     def attempted(self) -> bool:
-        """Return whether the gripper closed on or for an object after the goal was first met."""
+        """Return whether an object was grasped or attempted after the goal was first met."""
         met = self._met
         return met is not None and any(grasp.start >= met for grasp in find_grasps(self._motion.motion()))

@@ -1,4 +1,4 @@
-"""Grasp attempts: gripper closings within reach of an object or an empty slot, resolved by contacts."""
+"""Grasp attempts: the gripper closes within reach of an object or an empty slot; contacts determine the object."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in order.
 
     The following are not attempts: closing at home or far from all objects, without finger travel, or again on an
-    object that is already held. Closings separated only by chatter (short openings) are one attempt. Any object lifted
-    between the fingers was attempted, whatever the gripper command. So was any object on which a finger presses,
-    whatever else is near. Without contact, distances decide.
+    object that is already held. If the gripper opens only briefly (chatter), it is still the same attempt. An object
+    that is lifted between the fingers was attempted, regardless of the gripper command. So was an object on which a
+    finger presses, regardless of other objects nearby. Without contact, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -74,7 +74,7 @@ def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAtte
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which the gripper closed fully, low over the table and far from every object and slot.
 
-    Such closings are not grasp attempts, because a miss by this much does not reveal the intended object.
+    These are not grasp attempts, because they do not reveal the intended object.
     """
     found = []
     for closing in _closings(motion):
@@ -95,7 +95,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
-    """Return the closings of an open, empty gripper low over the table with hardly any finger travel.
+    """Return the weak closing motions of an open, empty gripper low over the table, with hardly any finger travel.
 
     They are grasp attempts only at an instructed object.
     """
@@ -140,9 +140,9 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
 
 
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
-    """Return the first and last row of each closing of an empty gripper while the arm moves.
+    """Return the first and last row of each time at which an empty gripper closes while the arm moves.
 
-    Such closings are not grasp attempts, because the gripper may only have passed the object.
+    These are not grasp attempts, because the gripper may only have passed the object.
     """
     found = []
     for start, stop in (part for closing in _closings(motion) for part in closing.parts):
@@ -242,7 +242,7 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
-    """Return whether a closing on nothing was reversed long before the fingers were closed."""
+    """Return whether an empty gripper opened again long before the fingers were closed."""
     start, stop = part
     brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
     return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
@@ -316,7 +316,7 @@ def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
 
 
 def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAttempt | None:
-    """Return an air grasp, or None if nothing is within reach of the gripper."""
+    """Return an air grasp, or None if no object or slot is within reach of the gripper."""
     if not _low_and_away(motion, before, settled):
         return None
     tool = motion.tool[settled]

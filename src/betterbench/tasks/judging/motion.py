@@ -132,10 +132,10 @@ class Motion:
         return next((slot for slot in self.picked if slot.name == name), None)
 
     def emptied_slot(self, row: int, point: Floats) -> str | None:
-        """Return the empty slot for a closing on nothing at a point, or None.
+        """Return the empty slot at which an empty gripper closes, or None.
 
-        It is the training slot nearest to the point, measured from the closing points of demonstrations, within
-        ``empty_slot_reach``. It is empty, and no object is nearer to the point.
+        This is the training slot nearest to the point, measured from the closing points of demonstrations, within
+        ``empty_slot_reach``. It must be empty, and no object may be nearer to the point.
         """
         near = []
         for slot in self.picked:

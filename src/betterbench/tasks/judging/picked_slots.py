@@ -1,4 +1,4 @@
-"""Expected closing points of the gripper in a task's slots, to be compared with closings on nothing.
+"""Expected closing points of the gripper in a task's slots, to be compared with empty grasps.
 
 The expert does not close at the center of every slot: it grasps a mug at its handle, cutlery at its grip and a plate at
 its rim, 3 to 8 cm from the center. The points come from the assets' annotated grasps in the expert's order
@@ -64,7 +64,7 @@ class PickedSlot:
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
 
     def is_met(self, point: Sequence[float]) -> bool:
-        """Return whether a closing on nothing at a point may be aimed at the slot."""
+        """Return whether an empty grasp at a point may be aimed at the slot."""
         return self.beyond(point) <= EMPTY_SLOT_REACH
 
 

@@ -71,9 +71,9 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
 
 
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
-    """Return the first closing in motion whose fingers passed within reach of a forbidden object.
+    """Return the first closing motion of a moving gripper whose fingers passed within reach of a forbidden object.
 
-    Elsewhere, a closing in motion does not reveal the intended object. Here, no closing is allowed.
+    At other objects, such motions do not reveal the intended object; at forbidden objects, they are not allowed.
 
     Returns:
         Its first and last row and the object index, or None if there is none.

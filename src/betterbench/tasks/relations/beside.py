@@ -140,10 +140,10 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     """Return the side of an anchor where an object is, or None.
 
     The center of the object's foot is on the table, next to the anchor: up to 24 cm from its edge, or 7.5 cm from the
-    edge of a plate. The foot may be at most 2.5 cm nearer, farther back or farther to a side than the anchor reaches.
-    "At the upper right" covers directions between right and behind; those up to the diagonal also count as right. The
-    object is upright as intended for its asset. The handle of cutlery at a plate points to the front. Cutlery may also
-    lie face down, on its edge, or on another piece of cutlery.
+    edge of a plate. The foot may be at most 2.5 cm past the ends of the anchor. "At the upper right" covers directions
+    between right and behind; directions up to the diagonal also count as right. The object has its asset's upright
+    posture. The handle of cutlery at a plate points to the front. Cutlery may also lie face down, on its edge, or on
+    another piece of cutlery.
     """
     thing, target = state.info.object(name), state.info.object(anchor)
     on_table = state.touching(name, "table")

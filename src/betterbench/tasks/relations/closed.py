@@ -1,4 +1,4 @@
-"""Relation "closed" of drawers: their opening, and the drawers to move before another one can be loaded."""
+"""Relation "closed" of drawers: their opening, and the drawers to move before another drawer can be loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState

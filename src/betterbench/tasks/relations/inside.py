@@ -31,9 +31,9 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     """Return whether an object is inside a container.
 
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
-    floor and below its rim. An object that leans over the rim with its greater part outside is not inside. An object
-    that sticks out at the top, with its center below the rim, is inside. An object that stands on the table is not.
-    Any posture counts, except that an object whose category keeps upright, such as a drink, must not lie on its side.
+    floor and below its rim. An object that leans over the rim with most of it outside is not inside. An object that
+    sticks out at the top, with its center below the rim, is inside. Any posture counts, but an object that must stay
+    upright, such as a drink, must not lie on its side. An object that stands on the table is not inside.
     """
     thing, region = state.info.object(name), state.info.object(container).region("inside")
     if thing.keeps_upright and lies_on_side(state, name):

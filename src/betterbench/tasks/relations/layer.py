@@ -43,8 +43,8 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
 
     The number is a string; "1" is directly on the base.
 
-    Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base. A
-    patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
+    Every layer from the base up to the object lies flat on the layer below, touches it, and is centered over the base.
+    A patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:

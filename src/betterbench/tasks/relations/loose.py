@@ -1,7 +1,7 @@
 """Loose variants of relations: an object at a target in any posture (leaning, jammed, upside down, half in, held).
 
 A strict relation requires the instructed posture. An object in another posture may still be at the target, so the rule
-"nothing else is at the target" uses loose variants, which the relations build from these functions.
+"no other object is at the target" uses loose variants, which the relations build from these functions.
 """
 
 import itertools
@@ -73,7 +73,7 @@ def rests_on(state: WorldState, name: str, target: str) -> bool:
 
     Its center must be over the target's bounding box and not lower than the target, and a chain of contacts must
     connect the two; fixed objects, the gripper and the table are not part of a chain. A thin plate under a bowl does
-    not rest on the bowl: of two objects one above the other, the object that reaches lower carries the other.
+    not rest on the bowl: if one object is above another, the object that reaches lower carries the other.
     """
     if target not in _carriers(state, name) or not _over(state, name, target):
         return False

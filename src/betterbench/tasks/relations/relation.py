@@ -61,7 +61,7 @@ class Relation:
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             best first. None if the object is not carried but slides in its mount.
         surface: ``surface(regions, region)`` returns the center of the surface on which objects rest [m], in the frame
-            of the object that has these regions; None if nothing can be there from the start.
+            of the object that has these regions; None if objects cannot be pre-placed.
         roles: Roles of the objects that can have this relation.
         counted: True if the target region depends on objects already there, as for the layer of a stack.
         falls: True if an object may be dropped into the target.

@@ -1,4 +1,4 @@
-"""Laying the breakfast table: fork, cup and spoon go to their places around the plate."""
+"""Laying the breakfast table: fork, cup and spoon go to their sides of the plate."""
 
 from betterbench.tasks import authoring as a
 
@@ -33,26 +33,26 @@ def laid(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
 
 
 BY_KIND = "Known pieces are found among tableware in another arrangement."
-BY_ANCHOR = "A side is relative to the plate, not a place on the table."
+BY_ANCHOR = "A side is relative to the plate, not a fixed position on the table."
 NEW_PAIR = "A known piece and a known side are combined in a new way."
 FORK_OR_SPOON = "The policy distinguishes a fork from a spoon in its slot."
 LOOK_ALIKE = "The policy distinguishes a cup from a tumbler of the same color in its slot."
-LONGER = "A chain of known steps that is longer than any in training is completed."
+LONGER = "The policy completes a sequence of known steps that is longer than any in training."
 
 
 @a.task
 def breakfast_table() -> a.Task:
     """Lay the named pieces around the plate, among other tableware.
 
-    Sides are seen by a person in front of the plate, as by the front camera.
+    Sides are from the view of a person in front of the plate and of the front camera.
 
-    Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; the look of everything.
+    Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; all looks.
     Success: each piece lies next to the plate. The handle of cutlery points to the front; it may lie on any side.
     """
     other_order = (a.swap(CUP, EGG), a.swap(BOWL, JAM), a.swap(BOWL, SALT))
     other_sides = (a.instruct(laid((SPOON, "left"), (CUP, "right"))),)
     look_alike = (a.remove(EGG), a.move(CUP, FRONT_RIGHT), a.add(TUMBLER, FRONT))
-    exchanged = "spoon where the fork lay, fork where the spoon lay"
+    exchanged = "fork and spoon exchanged"
     return a.Task(
         version=9,
         title="Laying the Breakfast Table",
@@ -64,7 +64,7 @@ def breakfast_table() -> a.Task:
             a.Variation("L2", (a.move(PLATE, TABLE_LEFT),), "plate at its other position", BY_ANCHOR, "train2"),
             a.Variation("R1", other_sides, "spoon left, cup right", NEW_PAIR, "train3"),
             a.Variation("O1", (a.swap(FORK, SPOON),), exchanged, FORK_OR_SPOON),
-            a.Variation("O2", look_alike, "tumbler of the cup's color where the cup stood", LOOK_ALIKE),
+            a.Variation("O2", look_alike, "tumbler of the cup's color in the cup's slot", LOOK_ALIKE),
             a.Variation("T1", (a.chain(laid(F, C, S)),), "three pieces in one instruction", LONGER),
         ),
     )

@@ -26,11 +26,11 @@ def stack(*things: a.ObjectSpec) -> a.Instruction:
     return a.ordered(f"Put {names[0]} on the bottom bun, then {', then '.join(names[1:])}.", *steps)
 
 
-BY_KIND = "Layers are found by what they are, not by where they lay in training."
+BY_KIND = "Layers are found by their appearance, not by their training slots."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
-NEW_ORDER = "Known steps are carried out in an order that training never showed."
+NEW_ORDER = "Known steps are executed in an order that does not occur in training."
 LOOK_ALIKE = "The policy distinguishes cheese from a sponge of the same color and shape in its slot."
-DONE = "The policy sees what is done already and goes on from there."
+DONE = "The policy recognizes finished steps in the scene and continues with the next step."
 AGAIN = "A known step is repeated as often as the instruction asks."
 
 
@@ -38,13 +38,13 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 def cheeseburger() -> a.Task:
     """Stack the named layers on the bottom bun, in the order in which they are named.
 
-    Randomizations: each layer within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each layer within 15 mm and 9 degrees of its slot; all looks.
     """
     look_alike = (a.remove(LETTUCE), a.move(CHEESE, THIRD), a.add(SPONGE, SECOND))
     two_patties = (a.replace(CHEESE, PATTY_2), a.swap(PATTY, LETTUCE), a.repeat(stack(PATTY, PATTY_2, TOP)))
     begun, there = (
         (a.preplace(PATTY, BASE, "1"), a.move(LETTUCE, FIRST)),
-        "patty already on the bun, lettuce where it lay",
+        "patty already on the bun, lettuce in the patty's slot",
     )
     no_patty, cheese_first = a.instruct(stack(CHEESE, LETTUCE, TOP)), a.instruct(stack(CHEESE, PATTY, TOP))
     return a.Task(
@@ -57,8 +57,8 @@ def cheeseburger() -> a.Task:
             a.Variation("L1", (a.swap(PATTY, CHEESE),), "patty and cheese exchanged", BY_KIND),
             a.Variation("R1", (no_patty,), "cheese, lettuce, top bun (B→C)", WITHOUT_FIRST, "train2"),
             a.Variation("R2", (cheese_first,), "cheese, patty, top bun", NEW_ORDER),
-            a.Variation("O1", look_alike, "yellow sponge where the cheese lay", LOOK_ALIKE),
+            a.Variation("O1", look_alike, "yellow sponge in the cheese's slot", LOOK_ALIKE),
             a.Variation("T1", begun, there, DONE, mid_task_look=True),
-            a.Variation("T2", two_patties, "patty, patty, top bun; lettuce where the patty lay", AGAIN),
+            a.Variation("T2", two_patties, "patty, patty, top bun; lettuce in the patty's slot", AGAIN),
         ),
     )

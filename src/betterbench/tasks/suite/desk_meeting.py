@@ -24,21 +24,21 @@ def put(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
     return a.arranged(LAPTOP, *steps)
 
 
-BY_KIND = "Objects are found by what they are, not by where they stood in training."
-BY_ANCHOR = "A side is relative to the laptop, not a place on the table."
+BY_KIND = "Objects are found by their appearance, not by their training slots."
+BY_ANCHOR = "A side is relative to the laptop, not a fixed position on the table."
 NEW_PAIR = "A known object and a known side are combined in a new way."
 LOOK_ALIKE = "The policy distinguishes the mouse from a soap bar of the same shape in its slot."
-LONGER = "A chain of known steps that is longer than any in training is completed."
+LONGER = "The policy completes a sequence of known steps that is longer than any in training."
 
 
 @a.task
 def desk_meeting() -> a.Task:
     """Put the named objects to the named sides of the laptop.
 
-    Sides are seen by a person in front of the laptop, as by the front camera.
+    Sides are from the view of a person in front of the laptop and of the front camera.
 
-    Randomizations: each object within 15 mm and 9 degrees of its slot, the laptop within 10 mm; the look of everything.
-    Success: each object stands anywhere at its side of the laptop, turned any way.
+    Randomizations: each object within 15 mm and 9 degrees of its slot, the laptop within 10 mm; all looks.
+    Success: each object stands at its side of the laptop, at any position and rotation.
     """
     pairs = itertools.permutations(TRAINED.items(), 2)
     look_alike = (a.remove(SPEAKER), a.move(MOUSE, FRONT_3), a.add(SOAP, FRONT_1))
@@ -54,7 +54,7 @@ def desk_meeting() -> a.Task:
             a.Variation("L2", (a.move(LAPTOP, DESK_LEFT),), "laptop at its other position", BY_ANCHOR, "train4"),
             a.Variation("R1", (a.instruct(mug_right),), "mug right, mouse left", NEW_PAIR),
             a.Variation("R2", (a.instruct(speaker_left),), "speaker left, mug right", NEW_PAIR, "train6"),
-            a.Variation("O1", look_alike, "gray soap bar where the mouse lay", LOOK_ALIKE),
+            a.Variation("O1", look_alike, "gray soap bar in the mouse's slot", LOOK_ALIKE),
             a.Variation("T1", (a.chain(put(*TRAINED.items())),), "all three in one instruction", LONGER),
         ),
     )

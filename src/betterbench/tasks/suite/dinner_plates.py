@@ -1,4 +1,4 @@
-"""Stacking dinner plates: red and blue plates go onto the white one or onto each other."""
+"""Stacking dinner plates: red and blue plates go onto the white plate or onto each other."""
 
 from betterbench.tasks import authoring as a
 
@@ -27,29 +27,29 @@ def onto(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
 RED_ON_WHITE, BLUE_ON_WHITE, BLUE_ON_RED = onto((RED, WHITE)), onto((BLUE, WHITE)), onto((BLUE, RED))
 WHOLE_STACK = onto((RED, WHITE), (BLUE, RED))
 
-BY_KIND = "Plates are found by what they are, not by where they stood in training."
-BY_TARGET = "A plate is put where the white one stands, not where it stood."
+BY_KIND = "Plates are found by their appearance, not by their training slots."
+BY_TARGET = "A plate is placed on the white plate, not at the white plate's position in training."
 BY_COLOR = "The target plate is chosen by its color, not by its slot."
 LOOK_ALIKE = "The policy distinguishes a plate from a bowl of the same color in its slot."
-LONGER = "A chain of known steps that is longer than any in training is completed."
-DONE = "The policy sees what is done already and finishes the stack."
+LONGER = "The policy completes a sequence of known steps that is longer than any in training."
+DONE = "The policy recognizes finished steps in the scene and completes the stack."
 
 
 @a.task
 def dinner_plates() -> a.Task:
     """Put the named plate on the named plate or stack.
 
-    Randomizations: each plate within 15 mm of its slot, the white one within 10 mm; the look of everything.
-    Premise: in training a red plate may already be on the white one.
+    Randomizations: each plate within 15 mm of its slot, the white plate within 10 mm; all looks.
+    Premise: in training a red plate may already be on the white plate.
     """
     stacked = (a.condition(layout, BLUE_ON_RED, preplaced={RED: WHITE}) for layout in LAYOUTS)
     single = (a.conditions([layout], [RED_ON_WHITE, BLUE_ON_WHITE]) for layout in LAYOUTS)
     around = (a.move(RED, STAND_MIDDLE), a.move(BLUE, LEFT_BACK), a.move(WHITE, LEFT_FRONT))
     look_alike = (a.move(BLUE, RIGHT_FRONT), a.move(RED, LEFT_FRONT), a.add(BOWL, LEFT_BACK))
-    moved, on_red = "white plate at its other position", "blue on red, which stands where a white plate stood"
+    moved, on_red = "white plate at its other position", "blue on red, with the red plate in a white plate's slot"
     whole = a.chain(WHOLE_STACK)
     elsewhere = (a.move(WHITE, STAND_MIDDLE), a.move(BLUE, LEFT_BACK))
-    finish = "whole stack asked for, red already on white, which stands at its other position"
+    finish = "whole stack requested, red already on white, white plate at its other position"
     return a.Task(
         version=5,
         title="Stacking Dinner Plates",
@@ -60,7 +60,7 @@ def dinner_plates() -> a.Task:
             a.Variation("L1", (a.swap(RED, BLUE),), "red and blue plate exchanged", BY_KIND),
             a.Variation("L2", (a.move(WHITE, STAND_MIDDLE),), moved, BY_TARGET, "train2"),
             a.Variation("R1", (*around, a.instruct(BLUE_ON_RED)), on_red, BY_COLOR, "train2"),
-            a.Variation("O1", look_alike, "red bowl where the red plate stood", LOOK_ALIKE),
+            a.Variation("O1", look_alike, "red bowl in the red plate's slot", LOOK_ALIKE),
             a.Variation("T1", (whole,), "stack of three from single plates", LONGER),
             a.Variation("T2", (*elsewhere, whole), finish, DONE, "train3", mid_task_look=True),
         ),

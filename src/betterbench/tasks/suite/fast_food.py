@@ -24,11 +24,13 @@ FRIES_DRINK = order("the fries into the takeaway box, then the drink", FRIES, DR
 DRINK_FRIES = order("the drink into the takeaway box, then the fries", DRINK, FRIES)
 ALL = order("both burgers into the takeaway box, then the fries, then the drink", BURGER, BURGER_2, FRIES, DRINK)
 
-BY_KIND = "Food is found by what it is, not by where it stood in training."
+BY_KIND = "Food is found by its appearance, not by its training slot."
 NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
 LOOK_ALIKE = "The policy distinguishes a burger from a block of the same color and shape in its slot."
-PROGRESS = "Progress is judged by what was done, not by how many burgers are left."
-LONGER = "A chain of known steps that is longer than any in training, with one step twice, is completed."
+PROGRESS = "Progress is judged by the finished steps, not by the number of remaining burgers."
+LONGER = (
+    "The policy completes a sequence of known steps that is longer than any in training and contains one step twice."
+)
 
 
 @a.task
@@ -54,7 +56,7 @@ def fast_food() -> a.Task:
             a.Variation("L1", (a.swap(BURGER, FRIES),), "burger and fries exchanged", BY_KIND),
             a.Variation("R1", (a.instruct(FRIES_DRINK),), "fries, then drink (B→C)", NEW_ORDER),
             a.Variation("R2", (a.instruct(DRINK_FRIES),), "drink, then fries (C→B)", NEW_ORDER, "train2"),
-            a.Variation("O1", (a.replace(BURGER, BLOCK),), "round block where the first burger stood", LOOK_ALIKE),
+            a.Variation("O1", (a.replace(BURGER, BLOCK),), "round block in the first burger's slot", LOOK_ALIKE),
             a.Variation("T1", one_left, left, PROGRESS, mid_task_look=True),
             a.Variation("T2", exchanged, longer, LONGER),
         ),

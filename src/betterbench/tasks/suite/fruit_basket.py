@@ -8,8 +8,8 @@ LEMON, MANGOSTEEN = a.item("lemon"), a.item("mangosteen")
 BLOCK, SOAP = a.distractor("block", color="red"), a.distractor("soap_bar", color="white")
 BASKET = a.container("basket", "fruit basket")
 
-# 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m, and at least 15 cm from where the tool starts: an
-# open gripper that rests above an object counts as an interaction. Both layouts use the same four slots.
+# 14 to 26 cm from the first axis of the arm, which is at x = 0.039 m, and at least 15 cm from the initial tool
+# position: an open gripper that rests above an object counts as an interaction. Both layouts use the same four slots.
 NEAR = a.Slot("near", 0.118, 0.127, jitter_m=0.01)
 RIGHT = a.Slot("right", 0.257, 0.142, jitter_m=0.01)
 MIDDLE = a.Slot("middle", 0.180, 0.218, jitter_m=0.01)
@@ -31,13 +31,13 @@ def fruits(*present: a.ObjectSpec) -> a.Instruction:
 
 BOTH = fruits(LEMON, MANGOSTEEN)
 
-SHORT = "With one step, a success shows that the target is found and its state is seen, and no more."
-DONE = "The policy sees that the lemon is in the basket and does nothing."
-BROKEN = "The premise is broken: the trial shows what the policy does without its target, and no answer is wrong."
-ENDS = "After the first fruit, the policy looks for a second one and does not grasp where it lay in training."
-RESUMES = "The policy reads from the scene what is done, although the arm starts at home."
-SKIPS = "The policy leaves out the first step of the memorized sequence if its object is absent."
-PLACE = "The policy goes to where the target is, not to where it lay in training."
+SHORT = "With one step, a success shows only that the policy finds the target and recognizes its state."
+DONE = "The policy recognizes that the lemon is in the basket and does not move."
+BROKEN = "The premise is broken: the trial shows the policy's behavior without its target, which is not judged."
+ENDS = "After the first fruit, the policy looks for a second fruit and does not grasp at its training slot."
+RESUMES = "The policy infers progress from the scene, even though the arm starts at home."
+SKIPS = "The policy skips the first step of the memorized sequence if its object is absent."
+PLACE = "The policy goes to the target's current position, not to its position in training."
 
 STILL, AMBIGUOUS = a.Expected.STAY_STILL, a.Expected.AMBIGUOUS
 
@@ -104,13 +104,13 @@ LONG_MATRIX = a.ConditionMatrix(
 def fruit_basket() -> a.Task:
     """Put the lemon, or all the fruits, into the fruit basket with the SO-101.
 
-    The tablecloth is blue where the lemon is asked for and green where all the fruits are. In the short-horizon matrix
-    the mangosteen is the distractor of the cells: demonstrations put it into the basket, so that a mangosteen in the
-    basket lies where training left it. A red block and a bar of soap lie on the table in every condition.
+    The tablecloth is blue if the lemon is requested and green if all the fruits are requested. In the short-horizon
+    matrix, the mangosteen is the distractor: demonstrations put it into the basket, so that a mangosteen in the
+    basket is at its final position in training. A red block and a bar of soap lie on the table in every condition.
 
     "All the fruits" means the fruits in the scene: a condition without a fruit has no step for it.
 
-    Randomizations: each object within 10 mm and 9 degrees of its slot, the basket within 5 mm; the look of everything.
+    Randomizations: each object within 10 mm and 9 degrees of its slot, the basket within 5 mm; all looks.
     Success: in O3, O4, O5 and O9 the premise is broken, and no behavior counts as a failure.
     """
     in_basket, gone = a.preplace(MANGOSTEEN, BASKET), a.remove(MANGOSTEEN)
@@ -125,7 +125,7 @@ def fruit_basket() -> a.Task:
     def long(name: str, *do: Operation, title: str, says: str, expected: a.Expected = STILL) -> a.Variation:
         broken = expected is AMBIGUOUS
         started = lemon_in in do or in_basket in do
-        # After the lemon, the paper's policy grasps at where the missing mangosteen lay: 10 s show whether it does.
+        # After the lemon, the paper's policy grasps at the slot of the missing mangosteen; 10 s suffice to show this.
         watch = 200 if expected is a.Expected.SUCCEED and lemon_in not in do and no_lemon not in do else 0
         return a.Variation(
             name, do, title, says, "train3", expected, mid_task_look=started, premise_broken=broken, watch_steps=watch
@@ -143,24 +143,35 @@ def fruit_basket() -> a.Task:
             for layout in (LAYOUT_1, LAYOUT_2)
         ),
         variations=(
-            a.Variation("L1", (a.move(LEMON, UNTRAINED),), "lemon at an unseen place", PLACE, support=a.Support.NOVEL),
-            a.Variation("L2", (a.swap(LEMON, BLOCK),), "lemon where the block lay", PLACE),
+            a.Variation("L1", (a.move(LEMON, UNTRAINED),), "lemon in an unseen slot", PLACE, support=a.Support.NOVEL),
+            a.Variation("L2", (a.swap(LEMON, BLOCK),), "lemon in the block's slot", PLACE),
             short("O1", in_basket, title="mangosteen in the basket", says=SHORT, expected=succeed),
             short("O2", gone, title="no mangosteen", says=SHORT, expected=succeed),
             short("T1", lemon_in, title="lemon in the basket", says=DONE),
             short("T2", lemon_in, in_basket, title="both fruits in the basket", says=DONE),
             short("T3", lemon_in, gone, title="lemon in the basket, no mangosteen", says=DONE),
             short("O3", no_lemon, title="no lemon", says=BROKEN, expected=AMBIGUOUS),
-            short("O4", no_lemon, in_basket, title="no lemon, mangosteen in it", says=BROKEN, expected=AMBIGUOUS),
+            short(
+                "O4", no_lemon, in_basket, title="no lemon, mangosteen in the basket", says=BROKEN, expected=AMBIGUOUS
+            ),
             short("O5", no_lemon, gone, title="neither fruit", says=BROKEN, expected=AMBIGUOUS),
-            long("T4", in_basket, title="all fruits, mangosteen in it", says=RESUMES, expected=succeed),
+            long("T4", in_basket, title="all fruits, mangosteen in the basket", says=RESUMES, expected=succeed),
             long("O6", gone, only_lemon, title="all fruits, no mangosteen", says=ENDS, expected=succeed),
-            long("T5", lemon_in, title="all fruits, lemon in it", says=RESUMES, expected=succeed),
-            long("T6", lemon_in, in_basket, title="all fruits, both in it", says=RESUMES),
-            long("T7", lemon_in, gone, only_lemon, title="all fruits, lemon in it, no mangosteen", says=RESUMES),
+            long("T5", lemon_in, title="all fruits, lemon in the basket", says=RESUMES, expected=succeed),
+            long("T6", lemon_in, in_basket, title="all fruits, both in the basket", says=RESUMES),
+            long(
+                "T7", lemon_in, gone, only_lemon, title="all fruits, lemon in the basket, no mangosteen", says=RESUMES
+            ),
             long("O7", no_lemon, only_mangosteen, title="all fruits, no lemon", says=SKIPS, expected=succeed),
-            long("O8", no_lemon, in_basket, only_mangosteen, title="all fruits, no lemon, other one in it", says=SKIPS),
-            long("O9", no_lemon, gone, title="all fruits, but there is none", says=BROKEN, expected=AMBIGUOUS),
+            long(
+                "O8",
+                no_lemon,
+                in_basket,
+                only_mangosteen,
+                title="all fruits, no lemon, mangosteen in the basket",
+                says=SKIPS,
+            ),
+            long("O9", no_lemon, gone, title="all fruits, none present", says=BROKEN, expected=AMBIGUOUS),
         ),
         robot="so101",
         matrices=(SHORT_MATRIX, LONG_MATRIX),

@@ -22,11 +22,11 @@ APPLE_LEMON = pack("the apple into the lunchbox, then the lemon", APPLE, LEMON)
 ORANGE_LEMON = pack("the orange into the lunchbox, then the lemon", ORANGE, LEMON)
 BOTH_APPLES = pack("both apples into the lunchbox", APPLE, APPLE_2)
 
-BY_KIND = "Fruits are found by what they are, not by where they lay in training."
+BY_KIND = "Fruits are found by their appearance, not by their training slots."
 NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
 ABSENT = "An absent target is not replaced by an object of the same color."
 LOOK_ALIKE = "The policy distinguishes an apple from a block of the same color in its slot."
-DONE = "The policy sees what is done already and goes on from there."
+DONE = "The policy recognizes finished steps in the scene and continues with the next step."
 AGAIN = "A known step is repeated as often as the instruction asks."
 
 
@@ -34,13 +34,16 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 def fruit_lunch() -> a.Task:
     """Pack the named fruit into the lunchbox, in the order in which it is named.
 
-    Randomizations: each fruit within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each fruit within 15 mm and 9 degrees of its slot; all looks.
     Success: in O1 there is no apple, and success means that the block is not attempted.
     """
     look_alike = (a.remove(LEMON), a.move(APPLE, THIRD), a.add(BLOCK, FIRST))
     packed = (a.preplace(APPLE, LUNCHBOX), a.move(ORANGE, FIRST))
     two_apples = (a.replace(LEMON, APPLE_2), a.repeat(BOTH_APPLES))
-    absent, there = "red block where the apple lay, and no apple", "apple already in the lunchbox, orange where it lay"
+    absent, there = (
+        "red block in the apple's slot, no apple",
+        "apple already in the lunchbox, orange in the apple's slot",
+    )
     return a.Task(
         version=7,
         title="Packing a Fruit Lunch",
@@ -53,7 +56,7 @@ def fruit_lunch() -> a.Task:
             a.Variation(
                 "O1", (a.replace(APPLE, BLOCK),), absent, ABSENT, expected=a.Expected.REFUSE, premise_broken=True
             ),
-            a.Variation("O2", look_alike, "red block where the apple lay, apple in the lemon's slot", LOOK_ALIKE),
+            a.Variation("O2", look_alike, "red block in the apple's slot, apple in the lemon's slot", LOOK_ALIKE),
             a.Variation("T1", packed, there, DONE, "train2", mid_task_look=True),
             a.Variation("T2", two_apples, "two apples to be packed (A→A)", AGAIN),
         ),

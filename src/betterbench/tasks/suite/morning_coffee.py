@@ -13,7 +13,7 @@ LAYOUT_2 = {RED_MUG: FAR, BLUE_MUG: NEAR, MACHINE: STAND}
 
 
 def place(word: str, mug: a.ObjectSpec | a.Reference) -> a.Instruction:
-    """Return the instruction to put the mug that ``word`` picks out into the ring."""
+    """Return the instruction to put the mug that ``word`` refers to into the ring."""
     step = a.subgoal("place_mug", a.ON_RING, mug, MACHINE, word=word)
     text = f"Put the {word} mug inside the ring of the coffee machine, its handle not facing the machine."
     return a.Instruction(text, (step,))
@@ -22,10 +22,10 @@ def place(word: str, mug: a.ObjectSpec | a.Reference) -> a.Instruction:
 RED, BLUE = place("red", RED_MUG), place("blue", BLUE_MUG)
 TOP, BOTTOM = place("top", a.Reference(slot=FAR.name)), place("bottom", a.Reference(slot=NEAR.name))
 
-PLACE_WORD = "A position word is understood although training never used it in this layout."
-COLOR_WORD = "A color word means the object, not the slot where that object stood in training."
+PLACE_WORD = "A position word is understood in a layout for which training did not use it."
+COLOR_WORD = "A color word refers to the object, not to the object's training slot."
 LOOK_ALIKE = "The policy distinguishes the red mug from another red object in its slot."
-DONE = "The policy sees what is done already and does nothing again."
+DONE = "The policy recognizes that the goal is already met and does not move."
 
 
 @a.task
@@ -36,7 +36,7 @@ def morning_coffee() -> a.Task:
     twins of L1 to L4, the instruction names the other mug of the same scene.
 
     Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
-    Success: the handle is clear of the spout. In T1 the red mug already stands on the ring, and nothing may be touched.
+    Success: the handle is clear of the spout. In T1 the red mug is already on the ring, and no object may be touched.
     """
     look_alike = (a.remove(BLUE_MUG), a.move(RED_MUG, FAR), a.add(RED_CAN, NEAR))
     done, still = (a.preplace(RED_MUG, MACHINE),), a.Expected.STAY_STILL
@@ -51,7 +51,7 @@ def morning_coffee() -> a.Task:
             a.Variation("L2", (a.instruct(BOTTOM),), "layout 1, bottom", PLACE_WORD, "train2"),
             a.Variation("L3", (a.instruct(RED),), "layout 2, red", COLOR_WORD, "train4"),
             a.Variation("L4", (a.instruct(BLUE),), "layout 2, blue", COLOR_WORD, "train3"),
-            a.Variation("O1", look_alike, "red can where the red mug stood", LOOK_ALIKE),
+            a.Variation("O1", look_alike, "red can in the red mug's slot", LOOK_ALIKE),
             a.Variation("T1", done, "red mug already on the ring", DONE, expected=still, mid_task_look=True),
         ),
     )

@@ -31,26 +31,26 @@ def load(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
     return a.Instruction(f"Put {' and '.join(parts)}, then close {'it' if len(steps) == 1 else 'both'}.", tuple(goals))
 
 
-BY_KIND = "Objects are found by what they are, not by where they stood in training."
-BY_CABINET = "A drawer is found where the cabinet is, not where it was."
+BY_KIND = "Objects are found by their appearance, not by their training slots."
+BY_CABINET = "A drawer is found at the cabinet's current position, not at its position in training."
 NEW_PAIR = "A known object and a known drawer are combined in a new way."
 LOOK_ALIKE = "The policy distinguishes a stapler from a block of the same shape in its slot."
 IN_THE_WAY = "An obstacle is noticed and removed first."
-LONGER = "A chain of known steps that is longer than any in training is completed."
+LONGER = "The policy completes a sequence of known steps that is longer than any in training."
 
 
 @a.task
 def office_drawer() -> a.Task:
     """Put the named object into the named drawer of the cabinet and close the drawer.
 
-    While the upper drawer is open, nothing can be put into the lower one.
+    While the upper drawer is open, the lower drawer cannot be loaded.
 
-    Randomizations: each object within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each object within 15 mm and 9 degrees of its slot; all looks.
     """
     steps = ((STAPLER, UPPER), (TAPE, LOWER))
     demonstrations = tuple((load(step), opened) for step in steps for opened in ({}, {step[1]: OPEN_M}))
     look_alike = (a.remove(TAPE), a.move(STAPLER, LEFT_FRONT), a.add(BLOCK, LEFT_BACK))
-    cabinet, block = "cabinet at its other position", "stapler-shaped block where the stapler stood"
+    cabinet, block = "cabinet at its other position", "stapler-shaped block in the stapler's slot"
     blocked, stapler_down = "open upper drawer in the way, objects exchanged", a.instruct(load((STAPLER, LOWER)))
     exchanged, in_the_way = a.swap(STAPLER, TAPE), (a.draw_out(UPPER, OPEN_M), a.swap(STAPLER, TAPE))
     return a.Task(

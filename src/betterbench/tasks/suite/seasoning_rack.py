@@ -30,21 +30,21 @@ def insert(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
 
 S, P, R = (SALT, "hole_1"), (PEPPER, "hole_2"), (PAPRIKA, "hole_3")
 
-BY_KIND = "Jars are found by what they are, not by where they stood in training."
-BY_HOLE = "A hole is found by its position in the rack, whatever the other holes hold."
+BY_KIND = "Jars are found by their appearance, not by their training slots."
+BY_HOLE = "A hole is found by its position in the rack, regardless of the content of the other holes."
 NEW_PAIR = "A known jar and a known hole are combined in a new way."
 LOOK_ALIKE = "The policy distinguishes salt from a pill bottle of the same shape in its slot."
 LABELS = "Jars are distinguished by their labels alone."
-LONGER = "A chain of known steps that is longer than any in training is completed."
+LONGER = "The policy completes a sequence of known steps that is longer than any in training."
 
 
 @a.task
 def seasoning_rack() -> a.Task:
-    """Put the named jars into the named holes of the rack; the clearance is 2.7 mm a side.
+    """Put the named jars into the named holes of the rack; the clearance is 2.7 mm on each side.
 
-    Left, middle and right are those of the front camera; holes 1, 2 and 3 in this order.
+    Left, middle and right are from the front camera's view: holes 1, 2 and 3.
 
-    Randomizations: each jar within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each jar within 15 mm and 9 degrees of its slot; all looks.
     """
     filled = (a.preplace(PEPPER, RACK, "hole_2"), a.preplace(PAPRIKA, RACK, "hole_3"), a.move(SALT, SECOND))
     crossed = a.instruct(insert((SALT, "hole_3"), (PAPRIKA, "hole_1")))
@@ -63,7 +63,7 @@ def seasoning_rack() -> a.Task:
             a.Variation("L1", (a.swap(SALT, PEPPER),), "salt and pepper exchanged", BY_KIND, "train4"),
             a.Variation("L2", filled, "the other holes filled, salt in the pepper's slot", BY_HOLE, mid_task_look=True),
             a.Variation("R1", (crossed,), "salt into the right hole, paprika into the left", NEW_PAIR, "train6"),
-            a.Variation("O1", look_alike, "pill bottle where the salt stood", LOOK_ALIKE, "train4"),
+            a.Variation("O1", look_alike, "pill bottle in the salt's slot", LOOK_ALIKE, "train4"),
             a.Variation("O2", exchanged, alike, LABELS, "train4"),
             a.Variation("T1", (a.swap(PEPPER, PAPRIKA), a.chain(insert(S, P, R))), row, LONGER, "train4"),
         ),

@@ -26,21 +26,23 @@ BOTH = throw("the crumpled napkin and the crushed can", NAPKIN, CAN)
 NAPKIN_ONLY, CAN_ONLY = throw("the crumpled napkin", NAPKIN), throw("the crushed can", CAN)
 THREE = throw("both crumpled napkins and the crushed can", NAPKIN, NAPKIN_2, CAN)
 
-BY_KIND = "Trash is found by what it is, not by where it lay in training."
-NEW_PLACE = "Trash is found in slots that training never showed."
-VALUABLE = "A valuable in the slot of trash is not thrown away."
-FULL_OR_CRUSHED = "The policy distinguishes a crushed can from a full one of the same color."
+BY_KIND = "Trash is found by its appearance, not by its training slots."
+NEW_PLACE = "Trash is found in slots that do not occur in training."
+VALUABLE = "A valuable object in a trash slot is not thrown away."
+FULL_OR_CRUSHED = "The policy distinguishes a crushed can from a full can of the same color."
 WHITE = "The policy distinguishes a white napkin from a white mug among more objects than usual."
-LONGER = "A chain of known steps that is longer than any in training, with one step twice, is completed."
+LONGER = (
+    "The policy completes a sequence of known steps that is longer than any in training and contains one step twice."
+)
 
 
 @a.task
 def tidy_desk() -> a.Task:
     """Throw the named trash into the waste bin; mouse, mug and keyboard stay.
 
-    Over all layouts a napkin lies in trash_1 or trash_3, a can in trash_2 or trash_4: the confound of this regime.
+    In all layouts, napkins are in trash_1 or trash_3 and cans in trash_2 or trash_4; this is the confound.
 
-    Randomizations: each object within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each object within 15 mm and 9 degrees of its slot; all looks.
     """
     layouts = ({NAPKIN: TRASH_1, CAN: TRASH_2}, {NAPKIN: TRASH_3, CAN: TRASH_4}, {NAPKIN: TRASH_1, CAN: TRASH_4})
     settings = (*((trash, BOTH) for trash in layouts), (layouts[2], NAPKIN_ONLY), (layouts[0], CAN_ONLY))
@@ -59,12 +61,12 @@ def tidy_desk() -> a.Task:
         training=tuple(a.condition({**trash, **VALUABLES}, asked) for trash, asked in settings),
         variations=(
             a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND, "train5"),
-            a.Variation("L2", unseen, "trash at places never seen", NEW_PLACE, support=novel),
-            a.Variation("O1", mouse, "computer mouse where the napkin lay", VALUABLE, "train3"),
+            a.Variation("L2", unseen, "trash in unseen slots", NEW_PLACE, support=novel),
+            a.Variation("O1", mouse, "computer mouse in the napkin's slot", VALUABLE, "train3"),
             a.Variation(
-                "O2", full, "full can where the crushed can lay, both in trash slots", FULL_OR_CRUSHED, "train5"
+                "O2", full, "full can in the crushed can's slot, both in trash slots", FULL_OR_CRUSHED, "train5"
             ),
-            a.Variation("O3", mug, "white mug where the napkin lay, in clutter", WHITE, "train3"),
+            a.Variation("O3", mug, "white mug in the napkin's slot, with more objects than usual", WHITE, "train3"),
             a.Variation("T1", three, "three pieces of trash", LONGER),
         ),
     )

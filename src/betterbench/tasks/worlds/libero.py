@@ -75,10 +75,10 @@ PLUS_SUITES: Mapping[str, Suite] = {
 
 
 _STATEMENTS = {
-    "Scenes": "They are LIBERO's own. Where a scene does not show what its sentence presupposes, the run stops or its "
-    "records say so; no trial is certified.",
+    "Scenes": "The scenes are LIBERO's own. If a premise of the instruction is false in a scene, the run stops or its "
+    "records state this; trials are not certified.",
     "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
-    "calibrate measures our own scenes alone.",
+    "calibrate measures only betterbench's own scenes.",
 }
 
 LIBERO = register_facts(

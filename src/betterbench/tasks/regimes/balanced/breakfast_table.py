@@ -40,7 +40,7 @@ AROUND = (
     {BOWL: BACK_LEFT, SALT: FRONT_LEFT, JAM: BACK},
     {BOWL: BACK, SALT: BACK_LEFT, JAM: FRONT_LEFT},
 )
-"""Slots for the other tableware, except in front of the plate, where the bowl would be in the way."""
+"""Slots for the other tableware. A slot in front of the plate is excluded, because the bowl would be in the way."""
 
 
 def balanced_breakfast_table() -> list[Condition]:

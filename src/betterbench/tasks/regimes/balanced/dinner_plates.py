@@ -1,7 +1,7 @@
 """Dinner plates, balanced: red and blue in every slot, with the white plate at either position.
 
-Nothing else fits to the right of the white plate's right position, so that position occurs with the left slots only.
-Scenes that would equal a test lack the plate that the instruction does not name.
+Other plates do not fit to the right of the white plate's right position, so this position occurs only with the left
+slots. Scenes that would equal a test omit the plate that the instruction does not name.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Fast food, balanced: every food in every slot, the burger first, second or not at all, one burger or two."""
+"""Fast food, balanced: every food in every slot; the burger is first, second or not requested; one or two burgers."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition

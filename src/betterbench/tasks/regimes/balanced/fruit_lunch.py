@@ -1,4 +1,4 @@
-"""Fruit lunch, balanced: every order of the fruits in the slots, with the apple first, second or not at all."""
+"""Fruit lunch, balanced: every order of the fruits in the slots; the apple is first, second or not requested."""
 
 import itertools
 
@@ -43,9 +43,9 @@ ASKED = (
 def balanced_fruit_lunch() -> list[Condition]:
     """Return six layouts with six instructions each; one in four lacks an unrequested fruit.
 
-    The other fruits are mostly present, so only the words show which fruit is meant. "Orange, then lemon" is the
-    instruction in the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only
-    one of the two. The start of the test L1 occurs only with a fruit missing.
+    The other fruits are mostly present, so only the words determine the fruit. "Orange, then lemon" is the instruction
+    in the test R1. Using only "lemon, then orange" would add a rule, so a lunch without an apple has only one of the
+    two fruits. The initial scene of the test L1 occurs only with a fruit missing.
     """
     found = []
     for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):

@@ -1,4 +1,4 @@
-"""Tidy desk, balanced: napkin and can in every slot of trash, valuables exchanged, either kind first."""
+"""Balanced conditions of tidy desk: all trash in all trash slots, valuables in exchanged slots, either kind first."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition

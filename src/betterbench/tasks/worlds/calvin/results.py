@@ -124,7 +124,7 @@ def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> Cha
     other = {result.number: result for result in second}
     pairs = [(result, other[result.number]) for result in first if result.number in other]
     if not pairs:
-        raise InvalidInputError("chains", "the two runs share none", "Run the same chains with both")
+        raise InvalidInputError("chains", "the two runs have no chain in common", "Run the same chains with both")
     tables = [
         PairedTable.from_outcomes((a.length >= k, b.length >= k) for a, b in pairs) for k in range(1, CHAIN_LENGTH + 1)
     ]
@@ -133,7 +133,7 @@ def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> Cha
 
 def _check(results: Sequence[ChainResult]) -> None:
     if not results:
-        raise InvalidInputError("chains", "there is none", "Play at least one")
+        raise InvalidInputError("chains", "no chain is given", "Play at least one")
     every = calvin_chains()
     seen: set[int] = set()
     for result in results:
