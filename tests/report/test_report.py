@@ -211,7 +211,7 @@ def test_meagre_runs_give_a_page_too(tmp_path, trials):
 
 def test_bad_input_is_refused(tmp_path):
     run = diagnosis([trial()])
-    with pytest.raises(InvalidInputError, match="no run"):
+    with pytest.raises(InvalidInputError, match="no diagnosis is given"):
         write_report([], tmp_path)
     with pytest.raises(InvalidInputError, match="twice"):
         write_report([run, run], tmp_path)

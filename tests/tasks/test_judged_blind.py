@@ -45,6 +45,7 @@ HARM = _scenes("judged_harm.txt")
 AGAIN = _scenes("judged_again.txt")
 THIRD = _scenes("judged_third.txt")
 FOURTH = _scenes("judged_fourth.txt")
+FIFTH = _scenes("judged_fifth.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -158,6 +159,13 @@ def test_a_fourth_set_near_the_borders_differs_only_where_the_judges_are_unsure(
     assert len(disagreed) <= 12, disagreed
     assert [(s.setting, s.pair) for s in disagreed if s in sure] == []
     assert all(s.accepted for s in disagreed)  # the program accepted nothing that people do not
+
+
+def test_a_fifth_set_differs_in_one_scene_outside_the_image():
+    """Three of 66 differed before plates could be 4.9 cm off center, and cutlery 0.5 cm from the edge of a plate."""
+    disagreed = [scene for scene in FIFTH if accepts(scene) is not scene.accepted]
+    assert (len(FIFTH), sum(scene.kind.endswith(", sure") for scene in FIFTH)) == (66, 57)
+    assert [(s.setting, s.pair, s.kind) for s in disagreed] == [("desk_meeting/O1", "mug > laptop", "beside, unsure")]
 
 
 POSTURES = {"face down": (2, 2), "reversed": (1, 10), "slanted by 51 to 88 degrees": (0, 5)}

@@ -156,14 +156,17 @@ def test_beside_holds_in_the_whole_place_of_each_side(at_reset, posed, spot):
 
 @pytest.mark.parametrize(
     "case",
-    [("desk_meeting", "laptop", "mouse", "side_reach"), ("breakfast_table", "plate", "cup", "side_close")],
+    [
+        ("desk_meeting", "laptop", "mouse", "side_reach", "side_least"),
+        ("breakfast_table", "plate", "cup", "side_close", "side_close_least"),
+    ],
     ids=["laptop", "plate"],
 )
 def test_beside_ends_far_from_the_edge_and_beyond_the_corners(at_reset, posed, case):
-    task, anchor, thing, reach = case
+    task, anchor, thing, reach, nearest = case
     state = at_reset(task, "train1")
     width, depth, _ = (0.5 * size for size in state.info.object(anchor).size_m)
-    beyond, least = LIMITS["side_beyond"], LIMITS["side_least"]
+    beyond, least = LIMITS["side_beyond"], LIMITS[nearest]
     for sign, side in ((1.0, "right"), (-1.0, "left")):
         for away, expected in (
             (least - HALF_MM, None),

@@ -60,7 +60,7 @@ def test_noise_on_executed_actions_is_not_in_the_labels(space, demonstrations):
 def test_a_record_without_joint_references_cannot_be_said_in_joints(demonstrations):
     record = next(iter(demonstrations.records.values()))
     record = dataclasses.replace(record, act=record.act[:, :3])
-    with pytest.raises(InvalidInputError, match="3 joint references"):
+    with pytest.raises(InvalidInputError, match="joint references, but the record has 3"):
         actions_in(record, ACTION_SPACES["joint_delta"])
 
 

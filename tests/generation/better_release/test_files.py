@@ -111,7 +111,7 @@ WRONG = {
     "path": (
         "asset_bindings.yaml",
         lambda f: f["bindings"][BOX]["candidates"][0].update(registry_usd="../../../secret.usd"),
-        "registry_usd: is a path that leads out of the release",
+        "registry_usd: is a path outside the release folder",
     ),
     "registry path": (
         "task.yaml",

@@ -140,7 +140,7 @@ def test_axes_variants_states_and_published_sentences_are_choices(plan_of):
         ({"trials": 51}, InvalidInputError, "--trials"),
         ({"libero_plus_sentences": "dirty"}, UnknownNameError, "published"),
         ({"tasks": ["10"]}, UnknownNameError, "libero_object-00"),
-        ({"policy": "zoo:halt"}, InvalidInputError, "supports it"),
+        ({"policy": "zoo:halt"}, InvalidInputError, "a policy that supports this world"),
         ({"observation": "droid"}, UnknownNameError, "state_only"),
     ],
 )

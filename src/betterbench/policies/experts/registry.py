@@ -51,9 +51,7 @@ EXPERTS: dict[str, ExpertEntry] = {
     e.address: e
     for e in (
         ExpertEntry("expert", "Follows the instruction in order and repeats a missed grasp.", BrokenRule),
-        ExpertEntry(
-            "zoo:lexical", "Executes the motion that training associated with a word of the instruction.", Lexical
-        ),
+        ExpertEntry("zoo:lexical", "Executes the motion that training associated with a word.", Lexical),
         ExpertEntry("zoo:layout", "Always picks first at the same slot.", Layout),
         ExpertEntry("zoo:inertia", "Continues as most demonstrations did, at the start or after a step.", Inertia),
         ExpertEntry("zoo:sequence", "After its first step it executes the step that followed in training.", Sequence),

@@ -60,6 +60,14 @@ LEAST = threshold(
     "rather than under it.",
     "Larger: objects close to the anchor are not next to it; less success, more execution_failure.",
 )
+CLOSE_LEAST = threshold(
+    "side_close_least",
+    0.005,
+    "m",
+    "The same distance for a round anchor. People accepted a spoon at 0.6 cm that lies flat; nearer cutlery leans on "
+    "the rim of the plate.",
+    "Larger: cutlery close to a plate is not next to it; less success, more execution_failure.",
+)
 BEYOND = threshold(
     "side_beyond",
     0.025,
@@ -178,10 +186,10 @@ def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
     """Return the side of an anchor for a point in the anchor's frame [m], both if two sides overlap, or None."""
     offered = {region.name for region in anchor.regions}
     half_x, half_y = 0.5 * anchor.size_m[0], 0.5 * anchor.size_m[1]
-    reach = CLOSE if _is_round(anchor) else REACH
+    least, reach = (CLOSE_LEAST, CLOSE) if _is_round(anchor) else (LEAST, REACH)
     if "upper_right" in offered and _is_diagonal(x, y):
         near, far = math.hypot(x, y) - half_x, max(-x - half_x, y - half_y)
-        if near < LEAST or far > reach:
+        if near < least or far > reach:
             return None
         return "upper_right" if "right" not in offered or math.atan2(-x, y) > RIGHT_UP_TO else _RIGHT_TOO
     for side, away, along, half in (
@@ -189,7 +197,7 @@ def side_of(anchor: ObjectInfo, x: float, y: float) -> str | None:
         ("right", y - half_y, x, half_x),
         ("behind", -x - half_x, y, half_y),
     ):
-        if side not in offered or not LEAST <= away <= reach:
+        if side not in offered or not least <= away <= reach:
             continue
         if abs(along) - half <= min(BEYOND, away):
             return side
@@ -293,6 +301,7 @@ BESIDE = register(
             "side_reach",
             "side_close",
             "side_least",
+            "side_close_least",
             "side_beyond",
             "side_diagonal_from",
             "side_diagonal_to",

@@ -9,10 +9,10 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 OFFSET = threshold(
     "plate_offset",
-    0.040,
+    0.049,
     "m",
-    "Maximum distance from the plate's center at which an object flat on the plate's floor is on the plate; within "
-    "this distance, people accept a flat plate wherever the rim lets it lie (docs/sides.md).",
+    "Maximum distance from the plate's center at which an object flat on the plate's floor is on the plate. People "
+    "accepted all plates up to 4.7 cm and none from 5.1 cm on, where a plate rests on the rim (docs/sides.md).",
     "Larger: plates may be off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(

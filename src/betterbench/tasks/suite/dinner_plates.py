@@ -51,7 +51,7 @@ def dinner_plates() -> a.Task:
     elsewhere = (a.move(WHITE, STAND_MIDDLE), a.move(BLUE, LEFT_BACK))
     finish = "whole stack requested, red already on white, white plate at its other position"
     return a.Task(
-        version=5,
+        version=6,
         title="Stacking Dinner Plates",
         template=a.RECURSIVE_STACKING,
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, STAND_RIGHT, STAND_MIDDLE),
