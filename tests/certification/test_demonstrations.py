@@ -188,7 +188,7 @@ def test_other_versions_need_another_folder(faked, tmp_path, monkeypatch):
 
 
 def test_too_few_demonstrations_are_refused(faked, tmp_path):
-    with pytest.raises(InvalidInputError, match="leave out"):
+    with pytest.raises(InvalidInputError, match="5 demonstrations do not cover the 12 training conditions"):
         measuring.measure(["desk_meeting"], tmp_path, number=5)
     assert faked.seen == []
 

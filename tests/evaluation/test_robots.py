@@ -205,7 +205,7 @@ def test_the_help_of_each_verb_names_every_robot(verb, capsys):
     with pytest.raises(SystemExit):
         main([verb, "--help"])
     said = " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
-    assert f"Robot in the scenes: {' or '.join(robot_names())}; by default" in said
+    assert f"Robot in the scenes: {' or '.join(robot_names())}; default" in said
 
 
 @pytest.mark.parametrize(

@@ -250,7 +250,7 @@ def test_the_command_line_names_what_is_missing(demonstrations, tmp_path, capsys
     assert "--out: is missing" in told(run, "--to", "lerobot")
     assert "Unknown preset" in told(run, "--to", "lerobot", "--preset", "openpi", "--out", str(tmp_path / "x"))
     assert "Unknown task of the run" in told(run, "--to", "lerobot", "--tasks", "coffee", "--out", str(tmp_path / "x"))
-    assert "runs: 2 are named" in told(run, run)
+    assert "runs: 2 runs are given" in told(run, run)
 
 
 def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path, capsys):
@@ -331,7 +331,7 @@ def test_a_record_that_is_given_twice_is_refused(demonstrations, tmp_path):
     run = demonstrations.run
     shutil.copytree(run.path, tmp_path / "copy")
     for runs in ([run, run], [run, RunFolder.open(tmp_path / "copy")]):
-        with pytest.raises(InvalidInputError, match=r"record of morning_coffee/\S+: the same one .*Give each run once"):
+        with pytest.raises(InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Give each run once"):
             select_demonstrations(runs)
 
 
