@@ -99,7 +99,7 @@ def test_a_task_that_was_never_measured_is_measured_before_it_is_certified(tmp_p
     done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert done.returncode == 2
     said = " ".join(done.stderr.split())
-    first, second = re.findall(r"better (certify .*?)(?:, then|and name it)", said)
+    first, second = re.findall(r"better (certify .*?)(?:, then|and give it)", said)
     given = ["--task-file", str(file), "--tasks", "my_advised_task"]
     assert shlex.split(first) == ["certify", *given, "--demonstrations", "120"]
     assert shlex.split(second) == ["certify", *given, "--trials", "2", "--out", "runs/certificate"]

@@ -176,7 +176,9 @@ REFUSED = {
     "'salt' (salt shaker): is held 32.9 mm above its foot": lambda: jars(
         ("salt", "salt shaker", "salt_shaker", "white"), spice("pepper"), spice("paprika")
     ),
-    "'jam' (jam jar): has -": lambda: jars(("jam", "jam jar", "jam_jar", "red"), spice("pepper"), spice("paprika")),
+    "'jam' (jam jar): has a clearance of -": lambda: jars(
+        ("jam", "jam jar", "jam_jar", "red"), spice("pepper"), spice("paprika")
+    ),
     "'rack' (rack): has no region 'hole_1'": lambda: other_rack("takeaway_box"),
 }
 

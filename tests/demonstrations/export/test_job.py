@@ -331,7 +331,9 @@ def test_a_record_that_is_given_twice_is_refused(demonstrations, tmp_path):
     run = demonstrations.run
     shutil.copytree(run.path, tmp_path / "copy")
     for runs in ([run, run], [run, RunFolder.open(tmp_path / "copy")]):
-        with pytest.raises(InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Give each run once"):
+        with pytest.raises(
+            InvalidInputError, match=r"record of morning_coffee/\S+: the same record .*Give each run once"
+        ):
             select_demonstrations(runs)
 
 
