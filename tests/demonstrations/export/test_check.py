@@ -294,7 +294,7 @@ FIELDS = {
         (fields(INFO, lambda f: f.update(total_videos=77)), "total_videos is 77, expected 4"),
         (fields(INFO, lambda f: f.update(total_chunks=2)), "total_chunks is 2, expected 1"),
         (lines(LINES, lambda r: r[1]["stats"]["action"]["mean"].reverse()), r"line 2: stats\.action\.mean\[0\] is "),
-        (lines(LINES, lambda r: r.pop()), "lists 1 episodes, but there are more"),
+        (lines(LINES, lambda r: r.pop()), "lists only 1 of the episodes"),
         (lines(LINES, lambda r: r.append(r[0])), "lists 3 episodes, but there are 2"),
         (lines("episodes.jsonl", lambda r: r[0].update(length=5)), "line 1: length is 5, expected 9"),
         (lines("episodes.jsonl", lambda r: r.reverse()), "line 1: episode_index is 1, expected 0"),
