@@ -46,6 +46,7 @@ AGAIN = _scenes("judged_again.txt")
 THIRD = _scenes("judged_third.txt")
 FOURTH = _scenes("judged_fourth.txt")
 FIFTH = _scenes("judged_fifth.txt")
+SIXTH = _scenes("judged_sixth.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -166,6 +167,17 @@ def test_a_fifth_set_differs_in_one_scene_outside_the_image():
     disagreed = [scene for scene in FIFTH if accepts(scene) is not scene.accepted]
     assert (len(FIFTH), sum(scene.kind.endswith(", sure") for scene in FIFTH)) == (66, 57)
     assert [(s.setting, s.pair, s.kind) for s in disagreed] == [("desk_meeting/O1", "mug > laptop", "beside, unsure")]
+
+
+def test_a_sixth_set_differs_only_where_the_judges_are_unsure():
+    """Three of 66 differ, and the program denies all three; docs/sides.md lists them."""
+    disagreed = [scene for scene in SIXTH if accepts(scene) is not scene.accepted]
+    assert (len(SIXTH), sum(scene.kind.endswith(", sure") for scene in SIXTH)) == (66, 46)
+    assert [(s.setting, s.pair, s.kind.endswith(", sure"), s.accepted) for s in disagreed] == [
+        ("fast_food/train1", "-", False, True),  # the box rotated by 20 degrees
+        ("desk_meeting/train2", "speaker > laptop", False, True),  # far behind the laptop
+        ("breakfast_table/train5", "spoon > plate", False, True),  # low beside the plate
+    ]
 
 
 POSTURES = {"face down": (2, 2), "reversed": (1, 10), "slanted by 51 to 88 degrees": (0, 5)}
