@@ -277,7 +277,7 @@ def test_a_damaged_table_is_no_reason_to_remove_the_weights(tmp_path, harm):
         table.unlink()
     else:
         table.write_text({"text": "step\nx\n", "long": "step\n" + "9" * 200_000}[harm])
-    with pytest.raises(BetterError, match=r"loss\.csv: cannot be read .*stay as they are") as caught:
+    with pytest.raises(BetterError, match=r"loss\.csv: cannot be read .*are kept") as caught:
         train(tiny(), made_up(), tmp_path / "out")
     assert "remove" not in str(caught.value)
 
@@ -340,7 +340,7 @@ def test_a_number_of_steps_that_is_none_is_refused(tmp_path, step):
     data = made_up()
     network, path = ObjectsNetwork(tiny(), data.vocabulary), tmp_path / "checkpoint.safetensors"
     write_checkpoint(path, network.state_dict(), Trained(tiny(), data.vocabulary, step, "none"))
-    with pytest.raises(InvalidInputError, match="for the steps of training"):
+    with pytest.raises(InvalidInputError, match="as the number of training steps"):
         read_checkpoint(path)
 
 

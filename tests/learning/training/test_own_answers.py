@@ -269,7 +269,7 @@ def test_the_command_evaluates_a_learner_and_its_answers_are_set_against_its_dee
     assert json.loads(capsys.readouterr().out)["knowledge"]["groups"][0]["name"] == "all"
     for changed, problem in (
         (line, "--records: is missing"),
-        ([*line, "--records", str(run.path), "--eyes", "tile-1"], "--eyes: it does not apply to a learner"),
+        ([*line, "--records", str(run.path), "--eyes", "tile-1"], "--eyes: does not apply to a learner"),
         (["vlm", "egoplan2", *line[1:]], "a learner answers only questions about frames"),
         (["vlm", "egoplan2", "--model", "http://localhost:1/v1#m", "--acted", str(run.path)], "--acted"),
         ([*line[:4], "http://localhost:1/v1#m", *line[5:], "--records", str(run.path)], "applies only to a learner"),

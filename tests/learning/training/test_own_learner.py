@@ -207,7 +207,7 @@ def test_a_start_of_other_code_is_refused(load, tmp_path):
 
 LAST = "        return self.last(pooled)\n"
 WRONG = {
-    "shape": (LAST, "        return self.last(pooled)[:, :3]\n", r"summary returns \(8, 3\) where .*\(8, 16\)"),
+    "shape": (LAST, "        return self.last(pooled)[:, :3]\n", r"summary returns \(8, 3\), expected .*\(8, 16\)"),
     "nothing": (LAST, "        self.last(pooled)\n", "summary returns NoneType"),
     "raises": (LAST, "        return self.lost(pooled)\n", r"mine.py, line \d+: .*no attribute 'lost'"),
     "unused": (LAST, "        return pooled\n", "no action depends on its weights last.0.weight"),
@@ -226,7 +226,7 @@ WRONG = {
         "word.weight and tied.weight are the same",
     ),
     "taken": ("self.last = ", "self.head = self.last = ", "the module name 'head' is reserved"),
-    "double": (LAST, "        return self.last(pooled).double()\n", "returns torch.float64 where torch.float32"),
+    "double": (LAST, "        return self.last(pooled).double()\n", "returns torch.float64, expected torch.float32"),
     "loss": (
         LAST,
         LAST + "\n    def loss(self, shown, actions, counted):\n        return 1.0\n",
@@ -243,9 +243,9 @@ WRONG = {
         r"\(batch, chunk, 7\)",
     ),
     "sparse": ("nn.Embedding(words, width)", "nn.Embedding(words, width, sparse=True)", "of word.weight is sparse"),
-    "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "lazy.weight is not known"),
+    "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "the shape of lazy.weight is unknown"),
     "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "not a tensor"),
-    "scale": ('"position", 3', '"position", 4', r"no scale 'position' of 4 numbers .*\(\"position\", 3\)"),
+    "scale": ('"position", 3', '"position", 4', r"no scale 'position' of 4 numbers.*\(\"position\", 3\)"),
     "name of scale": ('"position", 3', '"tools", 3', "no scale 'tools' of 3"),
     "in build": ("self.word = ", "self.word = 1 / 0 or ", r"mine.py, line \d+: ZeroDivisionError"),
 }
@@ -288,7 +288,7 @@ def test_learners_that_are_trained_side_by_side_get_the_same_text(load, tmp_path
     monkeypatch.delenv(user_files.VARIABLE)
     (tmp_path / "mine.py").write_text("raise ValueError", encoding="utf-8")
     jobs = [TrainingJob(tiny(**DEEP_RECIPE, seed=seed, data=["nowhere"]), tmp_path / str(seed)) for seed in (0, 1)]
-    with pytest.raises(BetterError, match="holds no demonstrations"):
+    with pytest.raises(BetterError, match="contains no demonstrations"):
         train_learners(jobs, "cpu", lambda *_: None)
 
 
