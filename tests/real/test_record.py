@@ -109,6 +109,32 @@ def test_files_that_a_kill_left_between_line_and_move_are_put_away(folder, codes
     assert (folder / "aborted" / f"{codes[0]}-1" / "note.txt").exists()
 
 
+@pytest.mark.parametrize("left", [0, 1, 2])
+def test_a_journal_that_lost_lines_does_not_put_trials_away(folder, codes, left):
+    with RealJournal(folder) as journal:
+        for code in codes[:2]:
+            run_one(journal, code)
+        enter(folder, codes[1], 1, author="ada", role="operator", outcome="froze")
+    path = folder / JOURNAL_NAME
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:left]))
+    if not left:
+        path.unlink()
+    kept = {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")}
+    for read in (read_run, RealJournal):
+        with pytest.raises(RecordError, match=r"journal\.jsonl: has no line about attempt 1 of .*Restore the file"):
+            read(folder)
+    assert {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")} == kept
+    path.write_bytes(b"".join(lines))
+    assert [t.code for t in read_run(folder).trials] == codes[:2]
+    path.write_bytes(b"".join(lines[:2]))
+    (folder / "trials" / codes[1]).rename(folder / "kept")  # the other cure
+    (folder / ENTRIES_NAME).rename(folder / "entries")
+    with RealJournal(folder) as journal:
+        assert journal.settle() == []
+        assert journal.next_trial.code == codes[1]
+
+
 def test_a_repeated_trial_keeps_its_first_record_and_loses_its_entries(folder, codes):
     with RealJournal(folder) as journal:
         run_one(journal, codes[0])

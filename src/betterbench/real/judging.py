@@ -43,6 +43,11 @@ class JudgeDesk:
         run = read_run(folder)
         for damaged in run.damaged:
             logger.warning("%s", damaged.problem)
+        if run.damaged and not run.trials:
+            problem = (
+                f"none of the {plural(len(run.damaged), 'trial')} that are done can be shown: {run.damaged[0].problem}"
+            )
+            raise RecordError(f"{folder}: {problem}")
         if not run.trials:
             raise InvalidInputError(str(folder), "has no trial that is done", "Run some with better real run")
         if any(_same_name(person, other) for other in run.operators):

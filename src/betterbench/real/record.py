@@ -290,12 +290,37 @@ def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, Tria
     return states
 
 
+def _recorded(folder: Path, plan: RealPlan) -> set[str]:
+    """Return the codes whose folder has a header."""
+    return {trial.code for trial in plan.trials if (folder / "trials" / trial.code / HEADER_NAME).exists()}
+
+
+def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
+    """Raise RecordError if a trial is recorded that the journal does not know: it lost its last lines.
+
+    Otherwise the trial would be run again, and its record be put away. A journal has the line of an attempt before the
+    attempt has a folder. ``recorded`` are the codes with a header before the journal was read.
+    """
+    for code in recorded:
+        place = folder / "trials" / code
+        if states[code].state == "done":  # another attempt is damage of that trial
+            continue
+        try:
+            header = read_header(place)
+        except RecordError:
+            continue
+        if header.code == code and header.attempt > states[code].attempt:
+            problem = f"has no line about attempt {header.attempt} of {code}, which is recorded in {place}"
+            cure = f"{_JOURNAL_CURE}, or move {place} to another place to run the trial again"
+            raise RecordError(f"{folder / JOURNAL_NAME}: {problem}. {cure}.")
+
+
 class RealJournal(LineJournal):
     """Journal of a protocol, open for appending. Opening locks the folder for this process.
 
     Raises:
         RunConflictError: If another process runs the protocol.
-        RecordError: If a line is damaged, or does not fit the plan.
+        RecordError: If a line is damaged, does not fit the plan, or is missing about a trial that is recorded.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -307,6 +332,7 @@ class RealJournal(LineJournal):
     def _take_in(self, lines: list[bytes]) -> None:
         events, self._link = _events(self._path, lines)
         self._states = _progress(self.plan, events, self._path)
+        _require_lines(self.folder, _recorded(self.folder, self.plan), self._states)
 
     def state(self, code: str) -> TrialProgress:
         """Return the state of a trial."""
@@ -622,11 +648,13 @@ def read_run(folder: Path) -> RealRun:
     """
     plan = read_plan(folder)
     path = folder / JOURNAL_NAME
+    recorded = _recorded(folder, plan)
     lines, _ = complete_lines(path)
     if lines:
         say_lost_tail(path)
     events, _ = _events(path, lines)
     states = _progress(plan, events, path)
+    _require_lines(folder, recorded, states)
     entries = _entries(folder / ENTRIES_NAME, states)
     standing = _standing(entries, folder / ENTRIES_NAME)
     trials, damaged = [], []
