@@ -62,7 +62,7 @@ SAMPLE_COLUMNS = {
 }
 """Columns of the samples, and their widths."""
 
-_CURE = "Restore the folder from a copy, or repeat the trial"
+_CURE = "Restore the folder from a copy, or repeat the trial (better real run --repeat)"
 _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
@@ -403,7 +403,7 @@ class RealJournal(LineJournal):
 
     def _put_away(self, code: str) -> None:
         there = self.attempt_folder(code)
-        if not there.exists():
+        if not (there.exists() or there.is_symlink()):  # a broken link, too
             return
         away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
         number = 1
@@ -673,6 +673,35 @@ def read_run(folder: Path) -> RealRun:
     operators = {e.person for e in events if e.person} | {e.author for e in entries if e.role == "operator"}
     judges = frozenset(e.author for e in entries if e.role == "judge")
     return RealRun(folder, plan, tuple(events), states, tuple(trials), tuple(damaged), frozenset(operators), judges)
+
+
+def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
+    """Let damaged trials come again. What is left of their files is moved to ``aborted``.
+
+    Raises:
+        InvalidInputError: If a trial is not done or not damaged: a result that nobody likes is not repeated.
+        RunConflictError: If another process runs the protocol.
+        RecordError: If the plan, the journal or the entries are damaged.
+    """
+    with RealJournal(folder) as journal:
+        problems = {code: _damage(read_run(folder), code) for code in codes}
+        for code, problem in problems.items():
+            if not problem:
+                cure = "Leave the code out; a trial that is not valid is discarded when it is entered"
+                raise InvalidInputError("--repeat", f"{code} is not damaged", cure)
+        for code, problem in problems.items():
+            journal.repeat(code, problem, person)
+
+
+def _damage(run: RealRun, code: str) -> str:
+    """Return what is wrong with the files of a trial, or an empty text."""
+    try:
+        trial = run.trial(code)
+        trial.check()
+        trial.samples()
+    except RecordError as problem:
+        return str(problem)
+    return ""
 
 
 def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -> TrialHeader:
