@@ -47,8 +47,6 @@ def check_cameras_command(
 
     for pixels in camera_size:
         require_between("--camera-size", pixels, 120, 4096)
-    if fovy_deg is not None:
-        require_between("--fovy-deg", fovy_deg, 10.0, 150.0)
     if len(images) + bool(camera) != 1:
         problem = f"{len(images)} images and {'a' if camera else 'no'} camera are given"
         raise InvalidInputError("check-cameras", problem, "Give one image, or --camera 0")
