@@ -210,6 +210,15 @@ def test_pages_that_are_swapped_are_named(one, other):
         measure_camera(rendered(POSES["placed"], picture=whole))
 
 
+@pytest.mark.parametrize("name", ["placed", "moved", "wide", "far", "upside down"])
+def test_the_near_row_of_pages_alone_does_not_place_a_camera(name):
+    half = np.full_like(sheet_picture(), 255)
+    for tile in TILES[3:]:
+        half[part(tile)] = sheet_picture()[part(tile)]
+    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Let the camera see more markers"):
+        measure_camera(rendered(POSES[name], picture=half))
+
+
 @pytest.mark.parametrize("fovy_deg", [10.0, 40.0, 56.0, 70.0, 150.0])
 def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
     with pytest.raises(InvalidInputError, match=r"--fovy-deg: \d+ degrees do not fit the image, which shows 52\.\d"):
