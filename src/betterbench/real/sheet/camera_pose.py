@@ -65,8 +65,8 @@ MOST_PAGE_OFF_MM = 20.0
 SMALL_PX = 400
 """Width of an image below which markers are too small to be found, rather than blurred or covered."""
 MOST_SPREAD_M = 0.01
-"""Largest standard deviation of the camera's position, as much as a placed camera may be off. Renderings have up to 4 mm;
-with the near row of pages alone, 12 to 20 mm, and the position is off by 14 to 46 mm.
+"""Largest standard deviation of the camera's position: as much as a placed camera may be off. Renderings have up to
+4 mm; with the near row of pages alone, 12 to 20 mm, and the position is off by 14 to 46 mm.
 """
 NEAR_FOV_DEG = 1.5
 """Largest difference of the fields of view: it moves the edge of the image by 3 %."""
