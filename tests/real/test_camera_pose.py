@@ -2,7 +2,10 @@
 
 import json
 import re
+import struct
 import sys
+import warnings
+import zlib
 
 import cv2
 import numpy as np
@@ -15,7 +18,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.interface.actions import SO101_DEGREES
 from betterbench.real.sheet import camera_pose, images
 from betterbench.real.sheet.camera_pose import correction_of, measure_camera, mounted, twin_camera
-from betterbench.real.sheet.layout import MARKERS_MM, SHEET
+from betterbench.real.sheet.layout import MARKERS_MM, SHEET, TILES
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.cameras import camera_matrices
 from betterbench.tasks.interventions.resolve import resolve_condition
@@ -147,7 +150,7 @@ def test_too_few_markers_are_refused(pictures):
         measure_camera(image)
 
 
-@pytest.mark.parametrize("ruler", [97.0, 103.0, 0.0, -100.0, float("nan")])
+@pytest.mark.parametrize("ruler", [97.0, 103.0, 88.0, 1000.0])
 def test_a_sheet_of_another_scale_is_refused_by_its_ruler(pictures, ruler):
     with pytest.raises(InvalidInputError, match="Print the sheet again at 100 %"):
         measure_camera(pictures["placed"], ruler_mm=ruler)
@@ -180,6 +183,92 @@ def test_pages_that_are_laid_wrongly_are_refused():
     wrong[:, -1020:] = np.roll(whole[:, -1020:], 40, axis=0)  # the right pages lie 10 mm nearer
     with pytest.raises(InvalidInputError, match=r"markers miss their places by .* pixels, the most marker"):
         measure_camera(rendered(POSES["placed"], picture=wrong))
+
+
+def part(tile):
+    """Return the part of the sheet's picture with a page."""
+    rows = slice(round(4 * (SHEET.x_high - tile.x_high)), round(4 * (SHEET.x_high - tile.x_low)))
+    return rows, slice(round(4 * (SHEET.y_high - tile.y_high)), round(4 * (SHEET.y_high - tile.y_low)))
+
+
+@pytest.mark.parametrize("page", [1, 2, 3, 4, 6])
+def test_a_page_that_is_turned_around_is_named(page):
+    whole = sheet_picture().copy()
+    there = part(TILES[page - 1])
+    whole[there] = whole[there][::-1, ::-1].copy()
+    with pytest.raises(InvalidInputError, match=rf"sheet: page {page} is turned around\. Lay the pages as on"):
+        measure_camera(rendered(POSES["placed"], picture=whole))
+
+
+@pytest.mark.parametrize(("one", "other"), [(1, 2), (1, 4), (2, 5), (3, 6), (5, 6)])
+def test_pages_that_are_swapped_are_named(one, other):
+    whole = sheet_picture().copy()
+    first, second = part(TILES[one - 1]), part(TILES[other - 1])
+    whole[first], whole[second] = whole[second].copy(), whole[first].copy()
+    says = f"page {one} lies at the place of page {other}; page {other} lies at the place of page {one}"
+    with pytest.raises(InvalidInputError, match=says):
+        measure_camera(rendered(POSES["placed"], picture=whole))
+
+
+@pytest.mark.parametrize("name", ["placed", "moved", "wide", "far", "upside down"])
+def test_the_near_row_of_pages_alone_does_not_place_a_camera(name):
+    half = np.full_like(sheet_picture(), 255)
+    for tile in TILES[3:]:
+        half[part(tile)] = sheet_picture()[part(tile)]
+    with pytest.raises(InvalidInputError, match=r"uncertain by [12]\.\d cm\. Let the camera see more markers"):
+        measure_camera(rendered(POSES[name], picture=half))
+
+
+@pytest.mark.parametrize("fovy_deg", [10.0, 40.0, 56.0, 70.0, 150.0])
+def test_a_lens_that_does_not_fit_is_blamed_on_its_option(pictures, fovy_deg):
+    with pytest.raises(InvalidInputError, match=r"--fovy-deg: \d+ degrees do not fit the image, which shows 52\.\d"):
+        measure_camera(pictures["placed"], fovy_deg=fovy_deg)
+
+
+@pytest.mark.parametrize(
+    ("ruler", "says"),
+    [
+        (10.0, "seems to be in centimeters. Give millimeters: 100.0"),
+        (3.94, "seems to be in inches. Give millimeters: 100.1"),
+        (0.1, "seems to be in meters. Give millimeters: 100.0"),
+        (0.0, "0 is no length. Measure"),
+        (-100.0, "-100 is no length"),
+        (float("nan"), "nan is no length"),
+        (float("inf"), "inf is no length"),
+    ],
+)
+def test_a_ruler_in_another_unit_does_not_ask_for_another_print(pictures, ruler, says):
+    with pytest.raises(InvalidInputError, match=re.escape(says)):
+        measure_camera(pictures["placed"], ruler_mm=ruler)
+
+
+def test_a_small_or_an_empty_image_is_not_called_blurred(pictures):
+    with pytest.raises(InvalidInputError, match=r"with 160 x 120 pixels, it is too small"):
+        measure_camera(cv2.resize(pictures["placed"], (160, 120), interpolation=cv2.INTER_AREA))
+    with pytest.raises(InvalidInputError, match=r"one brightness everywhere\. Take the cap off the lens"):
+        measure_camera(np.zeros((480, 640, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"move_cm": (4, 0, 0)}, r"[34]\.\d cm toward the arm"),
+        ({"move_cm": (-4, 0, 0)}, r"[34]\.\d cm away from the arm"),
+        ({"move_cm": (0, 4, 0)}, r"[34]\.\d cm to the arm's right"),
+        ({"move_cm": (0, -4, 0)}, r"[34]\.\d cm to the arm's left"),
+        ({"move_cm": (0, 0, 4)}, r"[34]\.\d cm down"),
+        ({"move_cm": (0, 0, -4)}, r"[34]\.\d cm up"),
+        ({"tilt": 3.0}, r"tilt it down by [23]\.\d"),
+        ({"tilt": -3.0}, r"tilt it up by [23]\.\d"),
+        ({"pan": 3.0}, r"turn it to its left by [23]\.\d"),
+        ({"pan": -3.0}, r"turn it to its right by [23]\.\d"),
+        ({"roll": 5.0}, r"roll it counterclockwise \(seen from behind it\) by [45]\.\d"),
+        ({"roll": -5.0}, r"roll it clockwise \(seen from behind it\) by [45]\.\d"),
+    ],
+)
+def test_each_direction_is_named_as_it_is_rendered(options, says):
+    correction = correction_of(measure_camera(rendered(mount_at(**options))).pose, twin_camera())
+    assert re.search(says, " ".join(correction.sentences))
 
 
 def test_a_marker_that_is_seen_twice_is_refused(pictures):
@@ -242,6 +331,68 @@ def test_the_command_refuses_what_is_no_image(tmp_path, capsys):
     ):
         assert main(["real", "check-cameras", *words, "--ruler-mm", "100"]) == 2
         assert says in " ".join(capsys.readouterr().err.split())
+
+
+def orientation(value):
+    exif = Image.Exif()
+    exif[0x112] = value
+    return exif
+
+
+def test_photographs_of_other_kinds_are_read_as_viewers_show_them(pictures, tmp_path):
+    picture = Image.fromarray(pictures["placed"])
+    gray = np.asarray(picture.convert("L"))
+    picture.rotate(90, expand=True).save(tmp_path / "turned.jpg", exif=orientation(6), quality=95)
+    picture.rotate(180).save(tmp_path / "upside_down.jpg", exif=orientation(3), quality=95)
+    picture.convert("RGBA").save(tmp_path / "alpha.png")
+    picture.convert("CMYK").save(tmp_path / "cmyk.jpg", quality=95)
+    Image.fromarray(gray).save(tmp_path / "gray.png")
+    Image.fromarray(gray.astype(np.uint16) * 257).save(tmp_path / "deep.png")
+    Image.fromarray(gray.astype(np.uint16) * 16).save(tmp_path / "twelve_bits.png")
+    for path in sorted(tmp_path.iterdir()):
+        image = images.image_of(path)
+        assert image.shape == (480, 640, 3), path
+        assert correction_of(measure_camera(image).pose, twin_camera()).is_near, path
+
+
+def white_png(width, height):
+    """Return a PNG of one bit per pixel, a few kilobytes for any size."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    row = zlib.compress((b"\0" + b"\xff" * (width // 8)) * height)
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", row) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("size", [(13000, 13000), (9000, 9000), (20000, 20000)])
+def test_an_image_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path, size):
+    path = tmp_path / "bomb.png"
+    path.write_bytes(white_png(*size))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InvalidInputError, match=r"pixels\. Give an image of at most 64 million pixels"):
+            images.image_of(path)
+
+
+@pytest.mark.parametrize("camera", ["²", "9" * 20, "-1"])
+def test_a_camera_that_is_no_index_sends_no_frames(capsys, camera):
+    assert main(["real", "check-cameras", "--camera", camera, "--ruler-mm", "100"]) == 2
+    assert "sends no frames" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_command_notes_a_squeezed_image_and_a_sheet_that_is_turned_around(pictures, tmp_path, capsys):
+    squeezed = cv2.resize(pictures["placed"], (640, 360))
+    with pytest.raises(SystemExit):
+        main(["real", "check-cameras", write(tmp_path / "a.png", squeezed), "--ruler-mm", "100", "--json"])
+    assert "640 x 360 pixels, which is not 4:3" in json.loads(capsys.readouterr().out)["notes"][-1]
+    turned = rendered(POSES["placed"], picture=sheet_picture()[::-1, ::-1].copy())
+    with pytest.raises(SystemExit):
+        main(["real", "check-cameras", write(tmp_path / "b.png", turned), "--ruler-mm", "100"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert "cm behind the arm" in told
+    assert "the sheet is turned around" in told
 
 
 def test_without_opencv_the_extra_is_named(pictures, monkeypatch):

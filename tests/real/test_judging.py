@@ -7,7 +7,7 @@ import urllib.parse
 import pytest
 from tests.real.protocols import POLICIES, judge, protocol
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.real.judge_page import JudgePage
 from betterbench.real.judging import JudgeDesk
 from betterbench.real.outcomes import OUTCOMES
@@ -84,6 +84,13 @@ def test_the_operator_is_no_judge_and_an_empty_protocol_has_no_films(folder, tmp
     write_plan(empty, make_plan((RealPolicy("a", "noop"),), conditions=["O1"]))
     with pytest.raises(InvalidInputError, match="has no trial that is done"):
         JudgeDesk(empty, "ada")
+
+
+def test_a_protocol_of_damaged_trials_is_not_called_empty(folder):
+    for header in (folder / "trials").glob("*/trial.json"):
+        header.write_text("[]")
+    with pytest.raises(RecordError, match=r"none of the \d+ trials that are done can be shown: .*Restore the folder"):
+        JudgeDesk(folder, "ada")
 
 
 @pytest.fixture

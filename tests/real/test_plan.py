@@ -87,6 +87,32 @@ def test_two_policies_of_one_name_are_refused():
         make_plan([RealPolicy("a", "noop"), RealPolicy("a", "random")])
 
 
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        (["a\nb"], "cannot be seen"),
+        (["a\0"], "cannot be seen"),
+        (["\x1b[31ma"], "cannot be seen"),
+        (["a\u202eb"], "cannot be seen"),
+        (["\u200b"], "cannot be seen"),
+        ([" "], "has spaces around it"),
+        (["a", "a "], "has spaces around it"),
+        (["ours", "Ours"], "'ours' and 'Ours' are nearly the same name"),
+        (["caf\u00e9", "cafe\u0301"], "are nearly the same name"),
+    ],
+)
+def test_names_that_people_cannot_tell_apart_are_refused(names, says):
+    with pytest.raises(InvalidInputError, match=says):
+        make_plan([RealPolicy(name, "noop") for name in names])
+
+
+def test_names_of_other_scripts_and_with_signs_are_kept(tmp_path):
+    names = ["\u673a\u5668", "pi0.5 (ours)", "../x", "<b>"]
+    plan = make_plan([RealPolicy(name, "noop") for name in names])
+    write_plan(tmp_path, plan)
+    assert [p.name for p in read_plan(tmp_path).policies] == names
+
+
 def test_a_plan_is_read_back_and_never_replaced(tmp_path):
     plan = make_plan(TWO, seed=1, repeats=2)
     write_plan(tmp_path, plan)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from betterbench.real.record import (
     TrialHeader,
     enter,
     read_run,
+    repeat_damaged,
     write_attempt,
 )
 
@@ -109,6 +111,32 @@ def test_files_that_a_kill_left_between_line_and_move_are_put_away(folder, codes
     assert (folder / "aborted" / f"{codes[0]}-1" / "note.txt").exists()
 
 
+@pytest.mark.parametrize("left", [0, 1, 2])
+def test_a_journal_that_lost_lines_does_not_put_trials_away(folder, codes, left):
+    with RealJournal(folder) as journal:
+        for code in codes[:2]:
+            run_one(journal, code)
+        enter(folder, codes[1], 1, author="ada", role="operator", outcome="froze")
+    path = folder / JOURNAL_NAME
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:left]))
+    if not left:
+        path.unlink()
+    kept = {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")}
+    for read in (read_run, RealJournal):
+        with pytest.raises(RecordError, match=r"journal\.jsonl: has no line about attempt 1 of .*Restore the file"):
+            read(folder)
+    assert {p: p.read_bytes() for p in (folder / "trials").rglob("*.*")} == kept
+    path.write_bytes(b"".join(lines))
+    assert [t.code for t in read_run(folder).trials] == codes[:2]
+    path.write_bytes(b"".join(lines[:2]))
+    (folder / "trials" / codes[1]).rename(folder / "kept")  # the other cure
+    (folder / ENTRIES_NAME).rename(folder / "entries")
+    with RealJournal(folder) as journal:
+        assert journal.settle() == []
+        assert journal.next_trial.code == codes[1]
+
+
 def test_a_repeated_trial_keeps_its_first_record_and_loses_its_entries(folder, codes):
     with RealJournal(folder) as journal:
         run_one(journal, codes[0])
@@ -124,6 +152,41 @@ def test_a_repeated_trial_keeps_its_first_record_and_loses_its_entries(folder, c
     assert run.trial(codes[0]).entries == ()
     assert run.aborted[0].reason == "a cat on the table"
     assert (folder / "aborted" / f"{codes[0]}-1" / HEADER_NAME).exists()
+
+
+@pytest.mark.parametrize("damage", ["samples", "film", "header", "folder", "link"])
+def test_a_damaged_trial_can_be_repeated_and_what_is_left_is_kept(folder, codes, damage):
+    with RealJournal(folder) as journal:
+        run_one(journal, codes[0])
+        run_one(journal, codes[1])
+    place = folder / "trials" / codes[0]
+    match damage:
+        case "samples":
+            (place / SAMPLES_NAME).write_bytes(b"")
+        case "film":
+            (place / "front.mp4").unlink()
+        case "header":
+            (place / HEADER_NAME).write_text("[]")
+        case _:
+            shutil.rmtree(place)
+    if damage == "link":
+        place.symlink_to("/nowhere")
+    with pytest.raises(InvalidInputError, match=rf"--repeat: {codes[1]} is not damaged"):
+        repeat_damaged(folder, codes[:2], "ada")  # neither of both then
+    with pytest.raises(InvalidInputError, match=rf"{codes[2]} is not done"):
+        repeat_damaged(folder, [codes[2]], "ada")
+    assert read_run(folder).states[codes[0]].state == "done"
+    repeat_damaged(folder, [codes[0]], "ada")
+    run = read_run(folder)
+    assert run.damaged == ()
+    assert "Restore the folder from a copy, or repeat the trial (better real run --repeat)" in run.aborted[0].reason
+    assert not place.exists()
+    if damage not in ("folder", "link"):
+        assert (folder / "aborted" / f"{codes[0]}-1").is_dir()
+    with RealJournal(folder) as journal:
+        assert journal.next_trial.code == codes[0]
+        run_one(journal, codes[0])
+    assert read_run(folder).trial(codes[0]).header.attempt == 2
 
 
 def test_two_processes_on_one_protocol_are_refused(folder):

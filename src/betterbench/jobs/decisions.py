@@ -20,7 +20,7 @@ from betterbench.json_form import dump_json, read_form, strict_form
 
 LONGEST_TEXT = 500
 """Maximum length of a reason [characters]."""
-CURE = "Restore the file from a copy, or review into a new file"
+CURE = "Restore the file from a copy, or keep it under another name and decide again"
 """Remedy for a damaged journal."""
 
 Author = Annotated[str, Field(min_length=1, max_length=80)]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import unicodedata
 from pathlib import Path
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.real.outcomes import outcome_named
+from betterbench.real.plan import same_name
 from betterbench.real.record import RealRun, RealTrial, enter, read_run
 from betterbench.statistics.wording import plural
 
@@ -43,12 +43,17 @@ class JudgeDesk:
         run = read_run(folder)
         for damaged in run.damaged:
             logger.warning("%s", damaged.problem)
+        if run.damaged and not run.trials:
+            problem = (
+                f"none of the {plural(len(run.damaged), 'trial')} that are done can be shown: {run.damaged[0].problem}"
+            )
+            raise RecordError(f"{folder}: {problem}")
         if not run.trials:
             raise InvalidInputError(str(folder), "has no trial that is done", "Run some with better real run")
-        if any(_same_name(person, other) for other in run.operators):
+        if any(same_name(person, other) for other in run.operators):
             problem = f"{person!r} is the operator of this protocol and knows conditions and policies"
             raise InvalidInputError("--person", problem, "Let another person judge, and give that name")
-        other = next((name for name in sorted(run.judges) if name != person and _same_name(name, person)), None)
+        other = next((name for name in sorted(run.judges) if name != person and same_name(name, person)), None)
         if other is not None and person not in run.judges:
             problem = f"{person!r} is nearly {other!r}, who judged here: one person would count as two"
             raise InvalidInputError("--person", problem, f"Give {other}, or a name that differs more")
@@ -150,12 +155,6 @@ class JudgeDesk:
 
     def _say(self, text: str, *, is_problem: bool = False) -> None:
         self.message, self.is_problem = text, is_problem
-
-
-def _same_name(first: str, second: str) -> bool:
-    """Return whether two names differ in case, spaces and forms of characters at most."""
-    plain = [" ".join(unicodedata.normalize("NFKC", name).casefold().split()) for name in (first, second)]
-    return plain[0] == plain[1]
 
 
 def _entries_of(run: RealRun, person: str) -> dict[str, str]:

@@ -10,7 +10,9 @@ The same arguments give the same bytes.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -155,6 +157,27 @@ def _require_different(where: str, names: Sequence[str]) -> None:
         raise InvalidInputError(where, f"{name!r} is given {count} times", "Give each once")
 
 
+def same_name(first: str, second: str) -> bool:
+    """Return whether two names differ in case, spaces and forms of characters at most."""
+    plain = [" ".join(unicodedata.normalize("NFKC", name).casefold().split()) for name in (first, second)]
+    return plain[0] == plain[1]
+
+
+def _require_readable(names: Sequence[str]) -> None:
+    """Raise InvalidInputError if a name of a policy is not a line of text, or is nearly that of another one.
+
+    Tables, pages and files show the names, and a plan is never changed.
+    """
+    for name in names:
+        if not name.isprintable() or name != name.strip():
+            problem = f"{name!r} has spaces around it or characters that cannot be seen"
+            raise InvalidInputError("policies", problem, "Give a name of letters, digits and signs")
+    for first, second in itertools.combinations(names, 2):
+        if same_name(first, second):
+            problem = f"{first!r} and {second!r} are nearly the same name"
+            raise InvalidInputError("policies", problem, "Give names that differ more")
+
+
 def matrix_conditions(task: str) -> tuple[str, ...]:
     """Return the first condition of each cell of a task's matrices, by default the conditions of a protocol."""
     found = get_task(task)
@@ -179,12 +202,14 @@ def make_plan(
 
     Raises:
         UnknownNameError: If the task or a condition does not exist.
-        InvalidInputError: If a condition or a name is given twice, or a number is out of range.
+        InvalidInputError: If a condition or a name is given twice, a name of a policy cannot be read or is nearly
+            that of another one, or a number is out of range.
     """
     chosen = matrix_conditions(task) if conditions is None else tuple(conditions)
     names = [policy.name for policy in policies]
     _require_different("conditions", chosen)
     _require_different("policies", names)
+    _require_readable(names)
     for name in chosen:
         resolve_condition(task, name)
     if not 1 <= repeats <= MOST_TRIALS // (len(chosen) * len(names)):

@@ -62,7 +62,7 @@ SAMPLE_COLUMNS = {
 }
 """Columns of the samples, and their widths."""
 
-_CURE = "Restore the folder from a copy, or repeat the trial"
+_CURE = "Restore the folder from a copy, or repeat the trial (better real run --repeat)"
 _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
@@ -290,12 +290,37 @@ def _progress(plan: RealPlan, events: list[Event], path: Path) -> dict[str, Tria
     return states
 
 
+def _recorded(folder: Path, plan: RealPlan) -> set[str]:
+    """Return the codes whose folder has a header."""
+    return {trial.code for trial in plan.trials if (folder / "trials" / trial.code / HEADER_NAME).exists()}
+
+
+def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialProgress]) -> None:
+    """Raise RecordError if a trial is recorded that the journal does not know: it lost its last lines.
+
+    Otherwise the trial would be run again, and its record be put away. A journal has the line of an attempt before the
+    attempt has a folder. ``recorded`` are the codes with a header before the journal was read.
+    """
+    for code in recorded:
+        place = folder / "trials" / code
+        if states[code].state == "done":  # another attempt is damage of that trial
+            continue
+        try:
+            header = read_header(place)
+        except RecordError:
+            continue
+        if header.code == code and header.attempt > states[code].attempt:
+            problem = f"has no line about attempt {header.attempt} of {code}, which is recorded in {place}"
+            cure = f"{_JOURNAL_CURE}, or move {place} to another place to run the trial again"
+            raise RecordError(f"{folder / JOURNAL_NAME}: {problem}. {cure}.")
+
+
 class RealJournal(LineJournal):
     """Journal of a protocol, open for appending. Opening locks the folder for this process.
 
     Raises:
         RunConflictError: If another process runs the protocol.
-        RecordError: If a line is damaged, or does not fit the plan.
+        RecordError: If a line is damaged, does not fit the plan, or is missing about a trial that is recorded.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -307,6 +332,7 @@ class RealJournal(LineJournal):
     def _take_in(self, lines: list[bytes]) -> None:
         events, self._link = _events(self._path, lines)
         self._states = _progress(self.plan, events, self._path)
+        _require_lines(self.folder, _recorded(self.folder, self.plan), self._states)
 
     def state(self, code: str) -> TrialProgress:
         """Return the state of a trial."""
@@ -377,7 +403,7 @@ class RealJournal(LineJournal):
 
     def _put_away(self, code: str) -> None:
         there = self.attempt_folder(code)
-        if not there.exists():
+        if not (there.exists() or there.is_symlink()):  # a broken link, too
             return
         away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
         number = 1
@@ -622,11 +648,13 @@ def read_run(folder: Path) -> RealRun:
     """
     plan = read_plan(folder)
     path = folder / JOURNAL_NAME
+    recorded = _recorded(folder, plan)
     lines, _ = complete_lines(path)
     if lines:
         say_lost_tail(path)
     events, _ = _events(path, lines)
     states = _progress(plan, events, path)
+    _require_lines(folder, recorded, states)
     entries = _entries(folder / ENTRIES_NAME, states)
     standing = _standing(entries, folder / ENTRIES_NAME)
     trials, damaged = [], []
@@ -645,6 +673,35 @@ def read_run(folder: Path) -> RealRun:
     operators = {e.person for e in events if e.person} | {e.author for e in entries if e.role == "operator"}
     judges = frozenset(e.author for e in entries if e.role == "judge")
     return RealRun(folder, plan, tuple(events), states, tuple(trials), tuple(damaged), frozenset(operators), judges)
+
+
+def repeat_damaged(folder: Path, codes: Sequence[str], person: str) -> None:
+    """Let damaged trials come again. What is left of their files is moved to ``aborted``.
+
+    Raises:
+        InvalidInputError: If a trial is not done or not damaged: a result that nobody likes is not repeated.
+        RunConflictError: If another process runs the protocol.
+        RecordError: If the plan, the journal or the entries are damaged.
+    """
+    with RealJournal(folder) as journal:
+        problems = {code: _damage(read_run(folder), code) for code in codes}
+        for code, problem in problems.items():
+            if not problem:
+                cure = "Leave the code out; a trial that is not valid is discarded when it is entered"
+                raise InvalidInputError("--repeat", f"{code} is not damaged", cure)
+        for code, problem in problems.items():
+            journal.repeat(code, problem, person)
+
+
+def _damage(run: RealRun, code: str) -> str:
+    """Return what is wrong with the files of a trial, or an empty text."""
+    try:
+        trial = run.trial(code)
+        trial.check()
+        trial.samples()
+    except RecordError as problem:
+        return str(problem)
+    return ""
 
 
 def _header_of(code: str, progress: TrialProgress, place: Path, journal: Path) -> TrialHeader:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from betterbench.cli.console import OUT, print_json
 from betterbench.errors import InvalidInputError, require_between
+
+if TYPE_CHECKING:
+    from betterbench.real.sheet.camera_pose import CameraPose
 
 
 def check_cameras_command(
@@ -43,8 +47,6 @@ def check_cameras_command(
 
     for pixels in camera_size:
         require_between("--camera-size", pixels, 120, 4096)
-    if fovy_deg is not None:
-        require_between("--fovy-deg", fovy_deg, 10.0, 150.0)
     if len(images) + bool(camera) != 1:
         problem = f"{len(images)} images and {'a' if camera else 'no'} camera are given"
         raise InvalidInputError("check-cameras", problem, "Give one image, or --camera 0")
@@ -52,6 +54,7 @@ def check_cameras_command(
     found = measure_camera(image, ruler_mm=ruler_mm, fovy_deg=fovy_deg)
     twin = twin_camera()
     correction = correction_of(found.pose, twin)
+    notes = [note for note in (correction.lens_sentence, *_notes(image.shape[1], image.shape[0], found.pose)) if note]
     if json:
         form: dict[str, Any] = {
             "markers": list(found.markers),
@@ -66,12 +69,14 @@ def check_cameras_command(
             "move_m": correction.move_m.tolist(),
             "turn_deg": correction.turn_deg.tolist(),
             "placed": correction.is_near,
+            "notes": notes,
         }
         print_json(form)
     else:
         x, y, z = (float(v) for v in 100.0 * found.pose.position_m)
         side = "left" if y >= 0.0 else "right"
-        where = f"{x:.1f} cm ahead of the arm, {abs(y):.1f} cm to its {side}, {z:.1f} cm high"
+        ahead = "ahead of" if x >= 0.0 else "behind"
+        where = f"{abs(x):.1f} cm {ahead} the arm, {abs(y):.1f} cm to its {side}, {z:.1f} cm high"
         lines = [
             f"markers       {len(found.markers)} found, reprojection error {found.error_px:.2f} px",
             f"camera        {where} (standard deviation {100.0 * found.spread_m:.1f} cm)",
@@ -79,9 +84,19 @@ def check_cameras_command(
             f"off the twin  {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",
             "to do         " + (" ".join(correction.sentences) if not correction.is_near else "nothing: it is placed"),
         ]
-        if correction.lens_sentence:
-            lines.append(f"note          {correction.lens_sentence}")
+        lines += [f"note          {note}" for note in notes]
         for line in lines:
             OUT.print(line, markup=False, soft_wrap=True)
     if not correction.is_near:
         raise SystemExit(1)
+
+
+def _notes(width: int, height: int, pose: CameraPose) -> Iterator[str]:
+    """Yield what may be wrong with the image or the sheet although the pose was measured."""
+    if abs(3 * width - 4 * height) > 0.02 * 3 * width:
+        yield (
+            f"The image has {width} x {height} pixels, which is not 4:3. Give it in the size that better real run "
+            "records: a squeezed image gives a wrong pose."
+        )
+    if pose.axes[0, 2] > 0.0:
+        yield "The camera looks away from the arm. If it does not, the sheet is turned around: lay it around the base."

@@ -43,6 +43,7 @@ def plan_command(
         time_limit_s: Longest duration of a trial in seconds.
     """
     from betterbench.real.plan import make_plan, write_plan
+    from betterbench.statistics.wording import plural
 
     plan = make_plan(
         [_policy(text) for text in policies],
@@ -55,12 +56,14 @@ def plan_command(
         time_limit_s=time_limit_s,
     )
     path = write_plan(out, plan)
-    count = f"{len(plan.conditions)} conditions x {len(plan.policies)} policies x {trials}"
+    sides = plural(len(plan.conditions), "condition"), plural(len(plan.policies), "policy", "policies")
+    count = " x ".join((*sides, str(trials)))
     say(f"wrote {path} with {len(plan.trials)} trials ({count}); next: better real run {out}", whole=True)
 
 
 def _policy(text: str) -> RealPolicy:
     """Return a policy from NAME=ADDRESS."""
+    from betterbench.policies.kinds.kind import kind_of
     from betterbench.real.asking import require_images_suffice
     from betterbench.real.plan import RealPolicy
 
@@ -68,5 +71,6 @@ def _policy(text: str) -> RealPolicy:
     if not separator or not name or not address:
         raise InvalidInputError("--policies", f"{text!r} is not NAME=ADDRESS", "Write ours=openpi://127.0.0.1:8000")
     policy = RealPolicy(name, address)
-    require_images_suffice(policy)  # now, because a plan is never changed
+    kind_of(address).parse(address)  # now, because a plan is never changed
+    require_images_suffice(policy)
     return policy

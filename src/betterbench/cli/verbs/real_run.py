@@ -40,6 +40,7 @@ def run_command(
     camera_size: tuple[int, int] = (640, 480),
     camera_rate_hz: int = 30,
     limits: Path | None = None,
+    repeat: tuple[str, ...] = (),
     mock_faults: tuple[str, ...] = (),
     author: str | None = None,
     page: bool = True,
@@ -67,6 +68,8 @@ def run_command(
         camera_size: Width and height of their images in pixels.
         camera_rate_hz: Rate of the cameras.
         limits: JSON file with safety limits that differ from the defaults, such as {"speed_rad_s": 1.0}.
+        repeat: Codes of trials with damaged files, as better real report names them; they come again, and what is left
+            of them is kept in FOLDER/aborted.
         mock_faults: Faults of the mock as NAME=VALUE, such as stalled=elbow_flex after_s=1.
         author: Name of the operator in the entries; the user's name if not given.
         page: Serve the page.
@@ -76,6 +79,7 @@ def run_command(
     from betterbench.cli.verbs.serve import stopped_by_signal
     from betterbench.real.page import OperatorPage
     from betterbench.real.plan import read_plan
+    from betterbench.real.record import repeat_damaged
     from betterbench.real.session import RealSession
 
     for side in camera_size:
@@ -88,6 +92,8 @@ def run_command(
         if mock_faults:
             raise InvalidInputError("--mock-faults", "a real arm has its own", "Leave them out, or give --robot mock")
         arm = _so101(plan, arm_port, arm_id, cameras, size=camera_size, rate_hz=camera_rate_hz)
+    if repeat:
+        repeat_damaged(folder, repeat, person)
     size = (320, round(320 * camera_size[1] / camera_size[0]))
     with (
         RealSession(folder, arm, person=person, limits=_limits(limits), size=size, say=_tell) as session,

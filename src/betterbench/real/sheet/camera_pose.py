@@ -20,7 +20,17 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
-from betterbench.real.sheet.layout import CELLS, DICTIONARY, MARKER_MM, RULER_MM, corners_mm
+from betterbench.real.sheet.layout import (
+    CELLS,
+    DICTIONARY,
+    MARKER_MM,
+    MARKERS_MM,
+    RULER_MM,
+    TILES,
+    Area,
+    corners_mm,
+    page_of,
+)
 from betterbench.sim.robots.so101 import SO101
 from betterbench.sim.robots.spec import CameraMount
 
@@ -48,8 +58,16 @@ MOST_MARKER_SCALE = 0.025
 """Largest deviation of the size of the markers from that which their distances imply. Pages that were fitted to the
 paper are 3 to 6 % smaller; renderings have up to 1 %.
 """
-MOST_SPREAD_M = 0.02
-"""Largest standard deviation of the camera's position."""
+MOST_OTHER_SCALE = 0.1
+"""Deviation of the same size from which on the pages lie at other places: no printer shrinks a page as much."""
+MOST_PAGE_OFF_MM = 20.0
+"""Largest distance of a marker from its place on a page that was turned around or laid at the place of another."""
+SMALL_PX = 400
+"""Width of an image below which markers are too small to be found, rather than blurred or covered."""
+MOST_SPREAD_M = 0.01
+"""Largest standard deviation of the camera's position: as much as a placed camera may be off. Renderings have up to
+4 mm; with the near row of pages alone, 12 to 20 mm, and the position is off by 14 to 46 mm.
+"""
 NEAR_FOV_DEG = 1.5
 """Largest difference of the fields of view: it moves the edge of the image by 3 %."""
 NEAR_M, NEAR_DEG = 0.01, 1.0
@@ -201,13 +219,11 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
         InvalidInputError: If the ruler, the image or the solution cannot be trusted; the message says what to do.
         MissingDependencyError: If OpenCV is not installed.
     """
-    if not abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
-        problem = f"the printed ruler is {ruler_mm:g} mm long instead of {RULER_MM:.0f}"
-        raise InvalidInputError("--ruler-mm", problem, "Print the sheet again at 100 %, without fitting it to the page")
+    _require_ruler(ruler_mm)
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or min(image.shape[:2]) < 120:
         problem = f"has shape {image.shape} of {image.dtype}"
         raise InvalidInputError("image", problem, "Give a color image of at least 120 pixels on each side")
-    gray = np.ascontiguousarray(image @ np.array([0.299, 0.587, 0.114])).round().astype(np.uint8)
+    gray = opencv().cvtColor(np.ascontiguousarray(image), opencv().COLOR_RGB2GRAY)
     found = _markers(gray)
     if len(found) < LEAST_MARKERS:
         raise _too_few(gray, len(found))
@@ -216,28 +232,114 @@ def measure_camera(image: np.ndarray, *, ruler_mm: float = RULER_MM, fovy_deg: f
     if blur > MOST_BLUR_PX * unit:
         problem = f"the edges of the markers are {blur:.1f} pixels wide"
         raise InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
-    scale = ruler_mm / RULER_MM
-    camera, residuals = _solved(found, image.shape[:2], scale, fovy_deg, blur)
+    _require_pages(found)
+    shape, scale = (image.shape[0], image.shape[1]), ruler_mm / RULER_MM
+    try:
+        return _trusted(found, shape, scale, fovy_deg, blur)
+    except InvalidInputError as problem:
+        if fovy_deg is None:
+            raise
+        try:
+            seen = _trusted(found, shape, scale, None, blur).pose.fovy_deg
+        except InvalidInputError:
+            raise problem from None
+        told = f"{fovy_deg:g} degrees do not fit the image, which shows {seen:.1f}"
+        cure = "Leave the option out, or give the vertical field of view at this image size"
+        raise InvalidInputError("--fovy-deg", told, cure) from problem
+
+
+def _trusted(
+    found: dict[int, np.ndarray], shape: tuple[int, int], scale: float, fovy_deg: float | None, blur: float
+) -> MeasuredCamera:
+    """Return the camera from the markers; raise InvalidInputError if the solution cannot be trusted."""
+    found = dict(found)
+    camera, residuals = _solved(found, shape, scale, fovy_deg, blur)
     for _ in range(MOST_LEFT_OUT):
         worst = max(residuals, key=lambda marker: residuals[marker])
         if len(found) <= LEAST_MARKERS or residuals[worst] < 3.0 * float(np.median(list(residuals.values()))):
             break
         found.pop(worst)
-        camera, residuals = _solved(found, image.shape[:2], scale, fovy_deg, blur)
-    off = _marker_scale(found, image.shape[:2], camera) / scale
+        camera, residuals = _solved(found, shape, scale, fovy_deg, blur)
+    off = _marker_scale(found, shape, camera) / scale
+    if abs(off - 1.0) > MOST_OTHER_SCALE:
+        problem = "the markers do not lie as on the overview"
+        raise InvalidInputError("sheet", problem, "Lay each page at its place, edge to edge, with its print up")
     if abs(off - 1.0) > MOST_MARKER_SCALE:
         problem = f"the markers have {100.0 * off:.1f} % of the size that their distances imply"
         cure = "Print all pages at 100 %, and lay them edge to edge along their frames"
         raise InvalidInputError("sheet", problem, cure)
-    if camera.error_px > MOST_ERROR_PX * unit:
+    if camera.error_px > MOST_ERROR_PX * shape[1] / WIDTH_PX:
         worst = max(residuals, key=lambda marker: residuals[marker])
         problem = f"the markers miss their places by {camera.error_px:.1f} pixels, the most marker {worst}"
-        cure = "Lay the pages edge to edge and flat, as on the overview, and check both rulers of each page"
+        cure = (
+            "Lay the pages edge to edge and flat, as on the overview, check both rulers of each page, and give the "
+            "camera's whole image"
+        )
         raise InvalidInputError("sheet", problem, cure)
     if camera.spread_m > MOST_SPREAD_M:
         problem = f"the position of the camera is uncertain by {100.0 * camera.spread_m:.1f} cm"
         raise InvalidInputError("image", problem, "Let the camera see more markers, over more of the image")
     return camera
+
+
+def _require_ruler(ruler_mm: float) -> None:
+    """Raise InvalidInputError if the ruler's length is none, has another unit, or shows a sheet of another scale."""
+    if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
+        return
+    if not (math.isfinite(ruler_mm) and ruler_mm > 0.0):
+        cure = "Measure the printed ruler with another one, and give its length in millimeters"
+        raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} is no length", cure)
+    for unit, factor in (("centimeters", 10.0), ("inches", 25.4), ("meters", 1000.0)):
+        if abs(factor * ruler_mm / RULER_MM - 1.0) <= 0.1:
+            cure = f"Give millimeters: {factor * ruler_mm:.1f}"
+            raise InvalidInputError("--ruler-mm", f"{ruler_mm:g} seems to be in {unit}", cure)
+    problem = f"the printed ruler is {ruler_mm:g} mm long instead of {RULER_MM:.0f}"
+    raise InvalidInputError("--ruler-mm", problem, "Print the sheet again at 100 %, without fitting it to the page")
+
+
+# -------------------------------------------------------------------------------------------------------------- pages
+
+
+def _require_pages(found: dict[int, np.ndarray]) -> None:
+    """Raise InvalidInputError if a page is turned around, or lies at the place of another page.
+
+    Most markers agree on one view of the table. Through it, the markers of a page that lies wrongly appear where they
+    would be on one of the other places, or turned by 180 degrees. One or two such markers would otherwise be left out
+    like covered ones, and the slots on their page marked at wrong places.
+    """
+    table = np.concatenate([corners_mm(marker) for marker in found]).astype(np.float32)
+    pixels = np.concatenate(list(found.values())).astype(np.float32)
+    view, _ = opencv().findHomography(pixels, table, opencv().RANSAC, MOST_PAGE_OFF_MM)
+    if view is None:
+        return
+    told = []
+    for page, tile in enumerate(TILES, start=1):
+        seen = {m: _through(view, corners) for m, corners in found.items() if page_of(MARKERS_MM[m]) == page}
+        if not seen or _misses(seen, tile, tile, turned=False) <= 2.0 * MOST_PAGE_OFF_MM:
+            continue
+        places = [(n, place, turned) for n, place in enumerate(TILES, start=1) for turned in (False, True)]
+        other, place, turned = min(places, key=lambda each: _misses(seen, tile, each[1], turned=each[2]))
+        if _misses(seen, tile, place, turned=turned) <= MOST_PAGE_OFF_MM:
+            where = "" if other == page else f"lies at the place of page {other}"
+            told.append(f"page {page} {' and '.join(filter(None, (where, 'is turned around' if turned else '')))}")
+    if told:
+        cure = "Lay the pages as on the overview, seen from behind the arm"
+        raise InvalidInputError("sheet", "; ".join(told), cure)
+
+
+def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the (4, 2) places on the table [mm] of the corners of a marker in the image."""
+    return np.asarray(opencv().perspectiveTransform(corners.reshape(1, -1, 2), view)[0])
+
+
+def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
+    """Return the largest distance [mm] of corners from their places if the page of a tile lies at a place."""
+    center, there = (np.array([0.5 * (a.x_low + a.x_high), 0.5 * (a.y_low + a.y_high)]) for a in (tile, place))
+    way = -1.0 if turned else 1.0
+    return max(
+        float(np.linalg.norm(there + way * (corners_mm(m) - center) - corners, axis=1).max())
+        for m, corners in seen.items()
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------ markers
@@ -280,9 +382,17 @@ def _too_few(gray: np.ndarray, count: int) -> InvalidInputError:
     says = f"{count} of the sheet's {len(CELLS)} markers found, {LEAST_MARKERS} needed"
     if len(_markers(np.ascontiguousarray(gray[:, ::-1]))) >= max(LEAST_MARKERS, count + 1):
         return InvalidInputError(
-            "image", "it is mirrored: the markers are found in its mirror image", "Switch the mirroring off"
+            "image",
+            "it is mirrored: the markers are found in its mirror image",
+            "Switch the mirroring off, of the camera or of the printer",
         )
+    if gray.shape[1] < SMALL_PX:
+        problem = f"{says}; with {gray.shape[1]} x {gray.shape[0]} pixels, it is too small for them"
+        return InvalidInputError("image", problem, "Give the image in the size of better real run, such as 640 x 480")
     sharpest = _sharpest_edge(gray)
+    if math.isinf(sharpest):
+        cure = "Take the cap off the lens, and check light and exposure"
+        return InvalidInputError("image", f"{says}; it has nearly one brightness everywhere", cure)
     if sharpest > MOST_BLUR_ANYWHERE_PX * gray.shape[1] / WIDTH_PX:
         problem = f"{says}; its sharpest edges are {sharpest:.0f} pixels wide, so that it is blurred"
         return InvalidInputError("image", problem, "Focus the camera, hold it still, and give more light")
@@ -317,9 +427,8 @@ def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 
     u, v = np.clip(points[:, 0], 0, width - 1.001), np.clip(points[:, 1], 0, height - 1.001)
     i, j = u.astype(int), v.astype(int)
     a, b = u - i, v - j
-    picture = gray.astype(float)
-    top = picture[j, i] * (1 - a) + picture[j, i + 1] * a
-    return np.asarray(top * (1 - b) + (picture[j + 1, i] * (1 - a) + picture[j + 1, i + 1] * a) * b)
+    top = gray[j, i] * (1 - a) + gray[j, i + 1] * a
+    return np.asarray(top * (1 - b) + (gray[j + 1, i] * (1 - a) + gray[j + 1, i + 1] * a) * b)
 
 
 def _sharpest_edge(gray: np.ndarray) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,20 +13,42 @@ from betterbench.json_form import read_bounded
 from betterbench.real.sheet.camera_pose import opencv
 
 _MOST_BYTES = 64 << 20
+_MOST_PIXELS = 64_000_000
+"""Largest number of pixels of an image: more than the photographs of most telephones have."""
 _WARM_UP = 15
 """Frames that are dropped until exposure and focus have settled."""
 
 
 def image_of(path: Path) -> np.ndarray:
-    """Return the (height, width, 3) uint8 RGB image of a file; raise InvalidInputError if it is no image."""
-    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
+    """Return the (height, width, 3) uint8 RGB image of a file, upright as viewers show it.
+
+    Raises:
+        InvalidInputError: If it is no image, or too large.
+    """
+    from PIL import Image, ImageOps, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
 
     data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Give an image of the front camera")
     try:
-        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as opened:
-            return np.asarray(opened.convert("RGB"))
-    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as problem:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit below is smaller
+            opened = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
+        with opened:
+            if opened.width * opened.height > _MOST_PIXELS:
+                raise _too_large(path, f"has {opened.width} x {opened.height} pixels")
+            upright = ImageOps.exif_transpose(opened)
+            if upright.mode.startswith("I"):  # 16 bits, which Pillow clips at 255
+                values = np.asarray(upright, dtype=np.float32)
+                upright = Image.fromarray((values * (255.0 / max(1.0, float(values.max())))).astype(np.uint8))
+            return np.asarray(upright.convert("RGB"))
+    except Image.DecompressionBombError as problem:
+        raise _too_large(path, "has too many pixels") from problem
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as problem:
         raise InvalidInputError(str(path), "is not readable as PNG or JPEG", "Give an image of the camera") from problem
+
+
+def _too_large(path: Path, problem: str) -> InvalidInputError:
+    cure = f"Give an image of at most {_MOST_PIXELS // 1_000_000} million pixels, best in the size of better real run"
+    return InvalidInputError(str(path), problem, cure)
 
 
 def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
@@ -36,7 +59,8 @@ def live_image(source: str, size: tuple[int, int]) -> np.ndarray:
         MissingDependencyError: If OpenCV is not installed.
     """
     cv2 = opencv()
-    capture = cv2.VideoCapture(int(source) if source.isdigit() else source)
+    is_index = source.isascii() and source.isdigit() and len(source) <= 4
+    capture = cv2.VideoCapture(int(source) if is_index else source)
     try:
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])

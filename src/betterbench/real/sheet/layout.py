@@ -81,6 +81,12 @@ SHEET = Area(
 """The whole sheet."""
 
 
+def page_of(point: tuple[float, float]) -> int:
+    """Return the number of the page, from 1, that has a point of the table."""
+    x, y = point
+    return next(k for k, t in enumerate(TILES, 1) if t.x_low <= x <= t.x_high and t.y_low <= y <= t.y_high)
+
+
 def spots() -> tuple[Spot, ...]:
     """Return the slots of the task."""
     return tuple(Spot(s.name, 1000.0 * s.x, 1000.0 * s.y, 1000.0 * s.jitter_m) for s in get_task(TASK).slots)
