@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import importlib.metadata
 import importlib.util
 import os
 import subprocess
@@ -31,7 +32,7 @@ def locked_python(
 
     Args:
         name: Name of the lock.
-        shared: Whether all other packages come from this environment; those of the lock win.
+        shared: Whether the other packages of ``dev.lock`` come from this environment; those of the lock win.
         check: Code that must run there.
         modules: Further modules: their code by name.
         built: Packages that are built from source, with tools of the lock.
@@ -72,7 +73,9 @@ def _fill(name: str, home: Path, here: str, check: str, *, modules: dict[str, st
         run(uv, *install, "--python", python, "-r", lock)
         packages = Path(run(python, "-c", purelib))
         if here:  # after the packages of the environment itself, so that its own versions win
-            (packages / "zz_betterbench.pth").write_text(f"{here}\n", encoding="utf-8")
+            shown = home / "shared"
+            _link_packages(set(tool.entries_of((ROOT / "requirements" / "dev.lock").read_text("utf-8"))), here, shown)
+            (packages / "zz_betterbench.pth").write_text(f"{shown}\n", encoding="utf-8")
         for module, code in modules.items():
             (packages / f"{module}.py").write_text(code, encoding="utf-8")
         run(python, "-c", check)
@@ -80,3 +83,16 @@ def _fill(name: str, home: Path, here: str, check: str, *, modules: dict[str, st
         last = (getattr(error, "stderr", "") or str(error)).strip().splitlines()[-1:]
         pytest.skip(f"no environment of {lock.name} could be made here: {' '.join(last)}")
     (home / "complete").touch()
+
+
+def _link_packages(names: set[str], here: str, into: Path) -> None:
+    """Link packages into a folder, without those of extras: LeRobot uses any Transformers that it finds."""
+    into.mkdir()
+    for name in sorted(names):
+        try:
+            files = importlib.metadata.distribution(name).files or []
+        except importlib.metadata.PackageNotFoundError:
+            continue  # a package of another platform
+        for top in sorted({file.parts[0] for file in files} - {"..", "__pycache__"}):
+            if not top.endswith(".pth") and not (into / top).exists():
+                (into / top).symlink_to(Path(here) / top)
