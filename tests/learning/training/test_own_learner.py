@@ -243,7 +243,7 @@ WRONG = {
         r"\(batch, chunk, 7\)",
     ),
     "sparse": ("nn.Embedding(words, width)", "nn.Embedding(words, width, sparse=True)", "of word.weight is sparse"),
-    "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "the shape of lazy.weight is unknown"),
+    "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "lazy.weight is unknown"),
     "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "not a tensor"),
     "scale": ('"position", 3', '"position", 4', r"no scale 'position' of 4 numbers.*\(\"position\", 3\)"),
     "name of scale": ('"position", 3', '"tools", 3', "no scale 'tools' of 3"),
