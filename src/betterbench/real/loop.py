@@ -1,7 +1,8 @@
 """One trial on the arm: go to the start, run the policy at its rate, record, and stop.
 
-The loop never waits for the policy: without an answer, the arm first finishes the last command and, after the watchdog
-time, holds its measured position. Whatever ends a trial, the arm's switch is off and nothing moves afterwards.
+The loop never blocks on the policy. If no action arrives, the arm first completes the last command and, after the
+watchdog time, holds its measured position. However a trial ends, the software switch is then turned off: the arm holds
+its measured position with torque on, and gets no further command.
 """
 
 from __future__ import annotations

@@ -315,10 +315,11 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the region at which an object was set down in any posture, or None.
+        """Return the wrong region in which an object was set down, in any posture, or None.
 
-        The gripper released it there, or the object already stood there when the closed gripper lost it or dragged it
-        away. If the object is in a requested region, or about as near to one, the requested region was intended.
+        An object was set down if the gripper released it there, or if it already stood there before it slipped from the
+        closed gripper or was dragged away by it. If the object is in a requested region, or about as near to the center
+        of a requested region as to that of the wrong one, the result is None: the policy aimed at the requested region.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])

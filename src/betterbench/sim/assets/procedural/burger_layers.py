@@ -205,7 +205,7 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
     outline = _outline(0.5 * length, 0.5 * width, 36, roundness=roundness)
     outline[:, 1] *= 1.0 - waist * np.clip(1.0 - (outline[:, 0] / (0.36 * length)) ** 2, 0.0, 1.0)
     upper = _slab(outline, scour, height, bevel=0.0015).seen_from_above(0.70 * length)
-    # The sides show the strip of the picture beyond the edge of the top.
+    # Texture coordinates of the sides: the strip of the texture just outside the top face.
     down = np.clip((height - 0.0016 - upper.vertices[:, 2]) / 0.70 / length, 0.0, 1.0)[:, None]
     away = upper.uv - 0.5
     stretch = 1.0 + down / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)

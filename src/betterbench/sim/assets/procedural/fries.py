@@ -9,7 +9,7 @@ from betterbench.sim.assets.authoring import Draft, generator, grip, merge, part
 from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft, prism
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-# Fraction of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
+# Fraction of the texture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
 
 
