@@ -3,7 +3,7 @@
 All work is done by the thread of :meth:`RealSession.run`, to which renderers belong. Pages and keys put commands into
 its queue; only :meth:`RealSession.halt`, and commands that end a trial, act at once, from any thread.
 
-A session may end at any moment. At the next start, an attempt that was cut off is aborted and comes again, and a trial
+A session may end at any moment. At the next start, an attempt that was cut off is aborted and will be repeated, and a trial
 that ended without an entry is shown first.
 """
 
@@ -162,7 +162,7 @@ class RealSession:
         self.counted = 0
         """Number of trials that ended in this session."""
         if cut:
-            self._tell(f"The program ended during {', '.join(cut)}: it comes again.")
+            self._tell(f"The program ended during {', '.join(cut)}: it will be repeated.")
 
     def __enter__(self) -> Self:
         return self
@@ -393,7 +393,7 @@ class RealSession:
         except BetterError as problem:
             self._journal.abort(trial.code, str(problem))
             self._show(trial, Stage.SETUP)
-            self._tell(f"{trial.code} does not count and comes again: {problem}")
+            self._tell(f"{trial.code} does not count and will be repeated: {problem}")
             return
         finally:
             if made is not None and made.left_busy:
@@ -414,7 +414,7 @@ class RealSession:
         enter(self.folder, trial.code, attempt, author=self.person, role="operator", outcome=outcome, note=note)
         if not outcome_named(outcome).scored:
             self._journal.repeat(trial.code, note.strip() or _NOT_VALID, self.person)
-            self._tell(f"{trial.code} is not valid and comes again.")
+            self._tell(f"{trial.code} is not valid and will be repeated.")
         else:
             self._entered.append(trial.code)
             self._tell(f"{trial.code}: {outcome_named(outcome).title}.")
@@ -432,9 +432,9 @@ class RealSession:
         self.begin()
 
     def _again(self, note: str) -> None:
-        """Discard the trial that ended; it comes again."""
+        """Discard the trial that ended; it will be repeated."""
         if self._shown.trial is not None:
             code = self._shown.trial.code
             self._journal.repeat(code, note, self.person)
-            self._tell(f"{code} comes again.")
+            self._tell(f"{code} will be repeated.")
             self.begin()
