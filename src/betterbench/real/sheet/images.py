@@ -17,7 +17,7 @@ _WARM_UP = 15
 
 
 def image_of(path: Path) -> np.ndarray:
-    """Return the (height, width, 3) uint8 RGB image of a file; raise InvalidInputError if it is no image."""
+    """Return the (height, width, 3) uint8 RGB image of a file; raise InvalidInputError if it is not an image."""
     from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
 
     data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Give an image of the front camera")
