@@ -1,4 +1,4 @@
-"""Measured agreement of the live front camera with the twin's picture, object by object.
+"""Measured agreement of the live front camera image with the twin's image, object by object.
 
 For each visible object of the twin, the rendered image of the object and its surroundings is searched in the live
 image. The measure is the normalized cross-correlation over the object and a border, per color channel with its mean

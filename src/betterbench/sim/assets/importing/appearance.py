@@ -102,7 +102,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
     at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])
-    # A point takes the color of its own side of a wall: differing normals are penalized by two wall thicknesses.
+    # A point gets the color of its side of a wall: differing normals are penalized by two wall thicknesses.
     apart = _SIDES_APART * float(np.ptp(points, axis=0).max())
     tree = cKDTree(np.hstack([points, apart * normals]))
     _, nearest = tree.query(np.hstack([at, apart * normals_of(vertices, faces)[owners]]), k=3)
