@@ -88,7 +88,7 @@ def test_a_file_that_holds_something_else_is_left_alone(capsys, mixture, other):
 
 def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
     assert main(["mixture", str(mixture), "--draws", "9", "--out", "/dev/full"]) == 2
-    assert "/dev/full is a pipe, socket or device, not a file" in " ".join(capsys.readouterr().err.split())
+    assert "/dev/full is a pipe, socket or device, which is never replaced" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
