@@ -213,7 +213,7 @@ def test_a_journal_that_was_changed_is_noticed(copy, tiny_plan, change):
     lines = copy.journal_path.read_text(encoding="utf-8").splitlines()
     copy.journal_path.write_text("".join(f"{line}\n" for line in change(lines)), encoding="utf-8")
     for attempt in (lambda: read_journal(copy.journal_path), lambda: evaluate(tiny_plan(), copy.path)):
-        with pytest.raises(RecordError, match=r"journal\.jsonl: line \d (does not follow|is corrupt)") as raised:
+        with pytest.raises(RecordError, match=r"journal\.jsonl: line \d (does not match|is corrupt)") as raised:
             attempt()
         assert "elete" not in str(raised.value)
 
@@ -393,5 +393,5 @@ def test_a_digest_of_a_scene_is_not_taken_out_of_its_line(copy):
     for change in ({"scene": None}, {"scene": "0" * 64}, {}):
         changed = {name: value for name, value in form.items() if name != "scene"} | change
         copy.journal_path.write_text("\n".join([lines[0], json.dumps(changed), *lines[2:]]) + "\n", encoding="utf-8")
-        with pytest.raises(RecordError, match="line 2 does not follow"):
+        with pytest.raises(RecordError, match="line 2 does not match"):
             copy.entries()

@@ -299,7 +299,7 @@ def test_a_changed_exchange_is_detected(tmp_path):
     generate_scenarios(SETTINGS, tmp_path / "out", chat=Model("no", text(GOOD), text(OTHER)))
     path = tmp_path / "out/exchanges.jsonl"
     path.write_text(path.read_text().replace("red apple", "red brick"))
-    with pytest.raises(RecordError, match="does not follow"):
+    with pytest.raises(RecordError, match="does not match"):
         read_exchanges(path)
     with pytest.raises(InvalidInputError, match="is not a file"):
         read_exchanges(tmp_path / "absent.jsonl")
