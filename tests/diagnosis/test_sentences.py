@@ -16,7 +16,7 @@ def said_of(s):
 def test_verbs_agree_with_the_fries(stage):
     s = stage("fast_food", "R1")
     text = said_of(s.bring(s.of("fries"), s.goal(0) + np.array([-0.2, 0.0, 0.0])))
-    assert "The fries, the correct object, are let go outside the goal" in text
+    assert "The fries, the correct object, are released outside the target region" in text
 
 
 def test_what_was_harmed_is_said_with_the_place(stage):

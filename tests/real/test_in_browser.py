@@ -137,7 +137,7 @@ def test_a_whole_protocol_survives_whatever_happens(open_program, folder):
     program = open_program()
     assert read_run(folder).states[killed].state == "open"
     assert program.value("state.code") == killed
-    assert "comes again" in program.value("state.message")
+    assert "will be repeated" in program.value("state.message")
     assert program.value("state.armed") is False
     assert program.start() == killed
     program.wait("state.stage === 'running' && state.elapsed_s > 0.2")
@@ -154,7 +154,7 @@ def test_a_whole_protocol_survives_whatever_happens(open_program, folder):
     ):
         program = open_program(*fault)
         assert program.start() == killed
-        program.wait("state.message.includes('comes again')")
+        program.wait("state.message.includes('will be repeated')")
         assert says in program.value("state.message")
         assert program.value("state.armed") is False
         header = read_header(folder / "aborted" / f"{killed}-{attempt}")

@@ -111,7 +111,7 @@ def test_switching_off_stops_a_running_trial_and_nothing_waits_to_switch_it_on(f
         view = obey(session, "arm", "force")
         thread.join()
         assert (view.stage, view.armed) == (Stage.SETUP, False)
-        assert "comes again: the operator switched it off" in view.message
+        assert "will be repeated: the operator switched it off" in view.message
         assert session._commands.empty()
 
 
@@ -163,7 +163,7 @@ def test_a_fault_is_told_and_the_trial_comes_again(folder):
         session.begin()
         view = obey(session, "arm", "start")
         assert (view.stage, view.armed) == (Stage.SETUP, False)
-        assert "comes again: The bus of the arm does not answer" in view.message
+        assert "will be repeated: The bus of the arm does not answer" in view.message
     assert read_run(folder).trials == ()
 
 
@@ -218,7 +218,7 @@ def test_a_film_that_cannot_be_encoded_makes_the_trial_come_again(folder, monkey
         session.begin()
         view = obey(session, "arm", "start")
         assert (view.stage, view.armed) == (Stage.SETUP, False)
-        assert "comes again: camera front: x264 has no memory" in view.message
+        assert "will be repeated: camera front: x264 has no memory" in view.message
         monkeypatch.undo()
         assert obey(session, "arm", "start").stage is Stage.ENTER
     run = read_run(folder)
@@ -245,7 +245,7 @@ def test_a_full_disk_ends_the_session_with_a_still_arm_and_the_next_one_goes_on(
         monkeypatch.undo()
     with session_on(folder) as session:
         session.begin()
-        assert "it comes again" in session.view.message
+        assert "it will be repeated" in session.view.message
         assert obey(session, "arm", "start").stage is Stage.ENTER
     assert [t.header.attempt for t in read_run(folder).trials] == [2]
 

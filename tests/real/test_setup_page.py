@@ -18,7 +18,7 @@ def test_the_tables_are_those_of_the_twin():
 
 def test_numbers_in_the_text_are_those_of_the_twin():
     words = " ".join(PAGE.split())
-    assert f"The foot reaches {tables.foot()}" in words
+    assert f"The foot extends {tables.foot()}" in words
     from betterbench.real.sheet import camera_pose, layout
     from betterbench.sim.robots.so101 import SO101
 
@@ -29,9 +29,9 @@ def test_numbers_in_the_text_are_those_of_the_twin():
     across = layout.MARKERS_MM[2][1] - layout.MARKERS_MM[6][1]
     assert f"Markers 2 and 6 are then {across:.0f} mm apart" in words
     assert f"within {100 * camera_pose.NEAR_M:.0f} cm and {camera_pose.NEAR_DEG:.0f}°" in words
-    assert f"differs by more than {camera_pose.NEAR_FOV_DEG}° is named" in words
+    assert f"differs by more than {camera_pose.NEAR_FOV_DEG}° is reported" in words
     assert camera_pose.LEAST_MARKERS == 5
-    assert "five are needed" in words
+    assert "at least five must be visible" in words
     assert f"off by more than {100 * camera_pose.MOST_RULER:.0f} %" in words
 
 

@@ -472,7 +472,7 @@ def test_a_trial_in_which_the_cable_is_pulled_comes_again(tmp_path, home):
             run.type("a", "f")
             until(lambda: len(chain.servos[0].goals) > 30, 120.0)
             chain.unplug()
-            run.until("does not count and comes again: The motors do not answer (there is no ")
+            run.until("does not count and will be repeated: The motors do not answer (there is no ")
             run.type("q")
             assert run.end() == 0
         finally:

@@ -238,7 +238,7 @@ def test_the_file_reveals_changed_lines_and_wrong_decisions(desk, tmp_path):
     path = tmp_path / "ada.jsonl"
     assert len(read_scene_reviews(path)) == 1
     path.write_text(path.read_text().replace('"accept"', '"reject"'))
-    with pytest.raises(RecordError, match="line 1 does not match"):
+    with pytest.raises(RecordError, match="line 1 does not match the lines before it"):
         read_scene_reviews(path)
 
 

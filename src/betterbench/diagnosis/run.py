@@ -290,8 +290,8 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial whose policy does not use the instruction.
 
-    A wrong first attempt that no rule explains is then attributed to ignoring the instruction. The same applies to an
-    attempt at the favorite slot of its task, unless this slot explains the attempts in all tasks.
+    A wrong first attempt that no rule explains is then labeled as independent of the instruction. The same applies to
+    an attempt at the favorite slot of its task, unless this slot explains the attempts in all tasks.
     """
     if reading.choice is None or reading.choice.correct:
         return trial

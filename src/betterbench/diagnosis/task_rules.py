@@ -59,8 +59,8 @@ def judge_rules(
             this task, and a known "word" no trials that distinguish it from a place. "later" is judged only by other
             tasks, because within one task a favorite place may look the same. None if other tasks have not been judged
             yet; all rules are then judged by the trials of this task.
-        ordered: Whether the policy is known to mistake the order. A premature attempt then proves neither word nor
-            place.
+        ordered: Whether the policy is known to do steps in the wrong order. A premature attempt then proves neither
+            "word" nor "place".
     """
     prior = dict.fromkeys(FAMILIES, 0.0) | dict(prior_costs or {})
     place_known = known is not None and PLACE in known
@@ -120,7 +120,7 @@ def _choice_of_slot(attempts: Sequence[Choice]) -> float:
 def _proven(
     attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
 ) -> frozenset[str]:
-    """Return the upheld rules, which are cheaper than confusion and distinguishable from similar rules."""
+    """Return the names of the rules that are cheaper than confusion and distinguishable from similar rules."""
 
     def told_apart(rule: PolicyRule) -> bool:
         if rule.family == LATER:
@@ -133,8 +133,8 @@ def _proven(
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     """Return whether trials of one scene with different correct slots all went to a given slot, at least one wrongly.
 
-    A favorite slot shows only in trials with the same scene and different instructions, or with different objects in
-    the same slots, which excludes a favorite object.
+    A favorite slot can be recognized only in trials with the same scene and different instructions, or with different
+    objects in the same slots, because these exclude a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -153,7 +153,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 
 
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
-    """Return the choices with their possible favorite slot: the most frequent slot for each set of occupied slots.
+    """Add the possible favorite slot to each choice: the most frequent slot for each set of occupied slots.
 
     With ``paired``, a slot counts only if a pair of trials shows that the policy favors it regardless of the
     instruction.
@@ -207,16 +207,16 @@ def _avoids_habit(rules: Sequence[PolicyRule], confusion: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """Rules of a task, applied to its trials.
+    """Rules of one task, with the evidence from its trials.
 
     Attributes:
-        attempts: All first attempts.
-        rules: All rules, the cheapest first.
-        proven: Names of the upheld rules.
-        open_slots: Possible favorite slots that these trials could not prove for any policy.
-        ordered: Whether the policy is known to mistake the order.
-        word_known: Whether the word is the rule of the policy in its other tasks.
-        avoids_habit: Whether the policy provably does not follow the most frequent first step.
+        attempts: First attempt of each trial.
+        rules: Candidate rules, in order of their cost [nats], lowest first.
+        proven: Names of the rules that the trials prove.
+        open_slots: Slots that may be favorites of the policy, but that so few trials cannot prove for any policy.
+        ordered: Whether the policy is known to do steps in the wrong order.
+        word_known: Whether other tasks prove that the policy follows a word of the instruction to its trained slot.
+        avoids_habit: Whether the trials clearly reject the most frequent first step as the policy's rule.
     """
 
     attempts: Sequence[Choice]

@@ -1,4 +1,4 @@
-"""Agreement of people who saw the same trials: Cohen's kappa of each pair, and the trials on which they disagree."""
+"""Agreement of people who judged the same trials: Cohen's kappa of each pair, and the trials on which they disagree."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.interval import Interval
 
 _WIDTH = 1e-9
-"""Least width of an interval that is shown."""
+"""Smallest width of an interval that is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +58,10 @@ class PairAgreement:
 
     @property
     def interval(self) -> Interval | None:
-        """Interval of kappa; None without kappa, and where the variance is 0.
+        """Interval of kappa; None if kappa is not defined or its variance is 0.
 
-        It is 0 if they never differ or if one of them always entered the same: an interval of no width would look like
-        certainty, although a few trials may be all there is.
+        The variance is 0 if the two never differ, or if one of them always entered the same outcome. An interval of
+        zero width would then look like certainty, even with very few trials.
         """
         found = self.table.interval()
         return None if found is None or found.high - found.low < _WIDTH else found

@@ -1,7 +1,7 @@
 """The arm behind its limits and its switch: the only sender of commands.
 
-Nothing is sent unless the switch is on. Stopping may come from any thread: when :meth:`SafeArm.stop` returns, the arm
-was told to hold its measured position, and no further command is sent until the switch is turned on again.
+Nothing is sent unless the switch is on. Any thread may stop the arm: when :meth:`SafeArm.stop` returns, the arm has
+been commanded to hold its measured position, and no further command is sent until the switch is turned on again.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ logger = logging.getLogger(__name__)
 
 
 class NotArmedError(BetterError):
-    """A motion was asked for while the arm's switch is off."""
+    """A motion was requested while the arm's switch is off."""
 
 
 class SafeArm:
-    """A robot whose commands pass the limits, and only while its switch is on."""
+    """A robot that gets commands only within the limits, and only while its switch is on."""
 
     def __init__(self, robot: Robot, limiter: Limiter) -> None:
         """Prepare; the switch is off."""
@@ -59,7 +59,7 @@ class SafeArm:
             try:
                 self.robot.command(np.clip(self._state, self.limiter.low, self.limiter.high))
             except RobotError as problem:
-                logger.warning("the arm could not be told to hold: %s", problem)
+                logger.warning("the command to hold the position could not be sent: %s", problem)
 
     def release(self) -> None:
         """Turn the switch and the torque off; the arm sinks."""
@@ -81,7 +81,7 @@ class SafeArm:
             self.limiter.start(reading.state)
 
     def move(self, asked: np.ndarray, reading: Reading) -> Limited:
-        """Send a target after the limits, and return what was sent.
+        """Apply the limits to a target, send it, and return the command that was sent.
 
         Raises:
             NotArmedError: If the switch is off.

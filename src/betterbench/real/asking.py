@@ -1,4 +1,4 @@
-"""Policies of a protocol, and questions to them from a thread, so that the arm never waits for an answer."""
+"""Policies of a protocol, and a thread that requests their actions, so that the arm never waits for an answer."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from betterbench.policies.factory import PolicyFactory, check_action_space, clos
 from betterbench.real.plan import RealPlan, RealPolicy
 
 START_S = 120.0
-"""Longest time until a policy is ready for a trial [s]; a large one loads its weights meanwhile."""
+"""Longest time until a policy is ready for a trial [s]; a large policy loads its weights during this time."""
 ANSWER_S = 30.0
-"""Longest time of an answer [s]; the trial is then aborted."""
+"""Longest time until an answer arrives [s]; after that, the trial is aborted."""
 _CHECK_S = 0.1
-"""Time between two looks for the stop signal while a policy gets ready [s]."""
+"""Time between two checks of the stop signal while a policy gets ready [s]."""
 
 
 def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, cameras: tuple[str, ...]) -> None:
     """Check that a policy can run on a real arm with these cameras.
 
     Raises:
-        InvalidInputError: If its actions are in another space, or it needs a camera that is not there, or temporal
-            ensembling.
+        InvalidInputError: If its actions are in another space, it needs a camera that the robot lacks, or it uses
+            temporal ensembling.
     """
     check_action_space(address, info, space.name)
     missing = sorted(set(info.cameras or ()) - set(cameras))
@@ -47,7 +47,7 @@ def check_real_policy(address: str, info: PolicyInfo, space: ActionSpace, camera
 
 
 def require_images_suffice(policy: RealPolicy) -> None:
-    """Raise InvalidInputError if a policy reads the state of a simulator, UnknownNameError if there is none."""
+    """Raise InvalidInputError if a policy reads a simulator's state, or UnknownNameError if no such policy exists."""
     needs = PolicyFactory(policy.address).needs
     if needs.state or needs.trial:
         problem = f"{policy.address} reads the state of the simulator, which a real arm does not have"
@@ -55,7 +55,7 @@ def require_images_suffice(policy: RealPolicy) -> None:
 
 
 class RealPolicies:
-    """The policies of a plan, each made at its first trial and kept."""
+    """The policies of a plan; each is created at its first trial and kept for the following ones."""
 
     def __init__(self, plan: RealPlan, cameras: tuple[str, ...], *, apart: bool = True) -> None:
         """Check the addresses; nothing is loaded. With ``apart``, user code runs in a process of its own.
@@ -83,7 +83,7 @@ class RealPolicies:
         return self._made[name]
 
     def discard(self, name: str) -> None:
-        """Close a policy that still works on an old question; the next trial gets a new one."""
+        """Close a policy that is still computing an old answer; it is created again for its next trial."""
         policy = self._made.pop(name, None)
         if policy is not None:
             close_policy(policy)
@@ -97,7 +97,7 @@ class RealPolicies:
 
 @dataclass(frozen=True, slots=True)
 class _Answered:
-    """Answer to the question of a step, or the error that came instead."""
+    """Answer to the request of a step, or the error that was raised instead."""
 
     step: int
     actions: np.ndarray | None
@@ -105,7 +105,7 @@ class _Answered:
 
 
 class Asker:
-    """Actions of a policy for consecutive control steps, from chunks that a thread asks for."""
+    """Actions of a policy for consecutive control steps, from action chunks that a thread requests."""
 
     def __init__(self, policy: Policy, space: ActionSpace) -> None:
         """Start the thread."""
@@ -121,13 +121,13 @@ class Asker:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wait for an answer on its way, because the next trial asks the same policy."""
+        """Wait for a pending answer, because the next trial uses the same policy."""
         self._questions.put(None)
         self._thread.join(timeout=ANSWER_S)
 
     @property
     def is_busy(self) -> bool:
-        """Whether the policy still works on a question, so that it must not be asked by anybody else."""
+        """Whether the policy is still computing an answer, so that it must not get another request."""
         return self._thread.is_alive()
 
     def start(self, start: EpisodeStart, *, check: Callable[[], None] = lambda: None) -> None:
@@ -149,7 +149,7 @@ class Asker:
         return self._pending is None and len(self._actions) <= self._execution.ahead
 
     def ask(self, step: int, observation: Observation) -> None:
-        """Ask for the actions from a step on."""
+        """Request the actions from a step on."""
         self._pending = step
         self._questions.put((step, observation))
 
@@ -170,8 +170,8 @@ class Asker:
         if answered.error is not None:
             raise answered.error
         chunk = checked_chunk(np.asarray(answered.actions), self._space)
-        # A policy that asks ahead predicts from the step of its observation on; one that does not expects that the arm
-        # waited for it.
+        # With requests sent ahead, the first action belongs to the step of the observation, so the actions of the steps
+        # since then are skipped. Otherwise, the policy assumes that the arm waited, and no action is skipped.
         passed = step - answered.step if self._execution.ahead else 0
         horizon = len(chunk) if self._execution.horizon is None else self._execution.horizon
         self._actions = deque(chunk[passed : passed + horizon])

@@ -1,6 +1,6 @@
 """Page of a judge: the films of one trial, the instruction, and the outcomes with their keys and definitions.
 
-Nothing that the page gets names a condition, a policy or an entry of another person. It is a plain page
+The page receives no condition, no policy and no entry of another person. It is a plain page
 (``judge.html``, ``judge.js``, ``judge.css``) behind :class:`~betterbench.browser.plain.PlainServer`.
 """
 

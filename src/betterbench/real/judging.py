@@ -1,4 +1,4 @@
-"""Queue of a judge: the films of a protocol in an order of the judge's own, without condition, policy and entries."""
+"""Queue of a judge: the films of a protocol in random order, without condition, policy and entries of other people."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class JudgeDesk:
         """Read the protocol.
 
         Raises:
-            InvalidInputError: If no trial is done, the person was an operator of the protocol, or a judge wrote the
-                same name in another way.
-            RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial whose header
-                is so is left out, and the log names it.
+            InvalidInputError: If no trial is done, the person was an operator of the protocol, or the name is another
+                spelling of an earlier judge's name.
+            RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial with such a
+                header is left out, and the log contains its name.
         """
         run = read_run(folder)
         for damaged in run.damaged:
@@ -80,7 +80,7 @@ class JudgeDesk:
         return self._mine.get(self.at_hand.code)
 
     def step(self, by: int) -> None:
-        """Go to another trial, round the end."""
+        """Go to another trial; the last one is followed by the first."""
         self.index = (self.index + by) % len(self.trials)
         self._say("")
 
@@ -168,7 +168,7 @@ def _entries_of(run: RealRun, person: str) -> dict[str, str]:
 
 
 def _shuffled(run: RealRun, person: str) -> tuple[RealTrial, ...]:
-    """Return the trials that are done in the order of a judge; a trial that is done later moves no other one."""
+    """Return the trials that are done in the order of a judge; later trials do not change the order of the others."""
     place = {code: k for k, code in enumerate(_order([t.code for t in run.plan.trials], run.plan.seed, person))}
     return tuple(sorted(run.trials, key=lambda trial: place[trial.code]))
 

@@ -1,8 +1,9 @@
-"""Label of a trial of a real arm: joint signals, and what judges saw in its film.
+"""Label of a trial of a real arm, from joint signals and from the entries of judges who saw its film.
 
 The labels are those of the simulated diagnosis. Rest and motion back and forth follow its rules; which object was taken
-and what lies in the basket is known only from judges. A label that neither joints nor judges show is None: unscored.
-An entry that joint states rule out is a contradiction. It is named, and the trial is unscored until people settle it.
+and what lies in the basket is known only from judges. If neither decides, the label is None, and the trial is unscored.
+An entry that joint states rule out is a contradiction: it is reported, and the trial is unscored until the judges enter
+again.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ UNSCORED = "unscored"
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What the judges of a trial saw.
+    """Entries of the judges of a trial.
 
     Attributes:
-        outcome: Outcome on which they agree by more than half, or None.
+        outcome: Outcome that more than half of them entered, or None.
         why_open: Reason for None, one sentence; empty with an outcome.
         votes: Outcome of each judge by name.
         operator: Outcome that the operator entered, or None. It is not blind and decides no label.
@@ -74,11 +75,11 @@ class RealLabel:
 
     Attributes:
         label: Label, or None for a trial that is not scored.
-        rule: Name of the rule; of the simulated diagnosis where it is the same rule.
+        rule: Name of the rule, as in the simulated diagnosis if the rule is the same.
         text: Evidence, one or more sentences.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
-        basis: What shows the label.
+        basis: Source of the label.
         contradiction: What the judges entered and what the joint states show instead; empty without a contradiction.
     """
 
@@ -107,7 +108,7 @@ class Place:
     Attributes:
         object: Kind of the object that stood there at the start; None for an empty slot or no known place.
         slot: Name of the slot or None.
-        gap_m: Horizontal distance to its center beyond its jitter [m].
+        gap_m: Horizontal distance to the slot's center, minus the slot's jitter [m].
     """
 
     object: str | None
@@ -171,14 +172,14 @@ class Setting:
         return listed([f"the {kind}" for kind in kinds])
 
     def in_basket(self, closing: Closing) -> bool:
-        """Return whether a closing is at the place of a container."""
+        """Return whether the jaw closed where a container stands."""
         x = self.exposure
         stands = [x.task.slot(x.test.layout[o.name]) for o in x.test.objects if o.role == "container"]
         return any(math.dist((closing.x, closing.y), (s.x, s.y)) <= THRESHOLDS.home_radius for s in stands)
 
 
 def label_trial(trial: RealTrial, task: str) -> tuple[RealLabel, JointSignals | None, Judged]:
-    """Return the label of a trial that is done, its signals and what judges saw.
+    """Return the label of a trial that is done, its signals and the judges' entries.
 
     Raises:
         RecordError: If its samples are missing, changed or damaged.
@@ -420,7 +421,7 @@ def _sway(setting: Setting, signals: JointSignals) -> RealLabel:
 
 
 def _wrong_object(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of another object that was taken; its kind follows from the place of the closing."""
+    """Return the label if another object was taken; its kind follows from the position at which the jaw closed."""
     del judged
     others = []
     for closing in signals.grasps or signals.attempts:

@@ -1,11 +1,11 @@
 """Safety limits of commands: joint range, speed, lead, load and workspace.
 
-The limits are applied in the order in which a later one cannot break an earlier one:
+The limits are applied in an order in which a later limit cannot violate an earlier one:
 
 1. A command that is not finite is replaced by the last command.
 2. Each target is clipped to the range of its joint.
-3. Each target is clipped to within ``lead`` of the measured position, so that a blocked joint does not store a jump,
-   and a program that is killed leaves the arm a short way from its last target.
+3. Each target is clipped to within ``lead`` of the measured position, so that a blocked joint does not jump when it
+   comes free, and the arm moves only a short way further if the program is killed.
 4. A joint whose load is above the maximum keeps its last command; the gripper may still open.
 5. The step from the last command is scaled down to the largest speed, all arm joints by the same factor.
 6. The step is shortened until the tool center point, by the forward kinematics of the twin, is inside the workspace.
@@ -37,7 +37,7 @@ _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
 
 
 class LimitError(BetterError):
-    """A motor is overloaded or does not follow; the arm has to be looked at."""
+    """A motor is overloaded or does not follow its command; a person has to check the arm."""
 
 
 @strict_form
@@ -52,7 +52,7 @@ class SafetyLimits:
         load: Largest load, as a fraction of the maximum.
         load_s: Longest time of an overload of an arm joint [s].
         stall_rad: Lag of an arm joint behind its command that counts as not following [rad].
-        stall_s: Longest time that a joint may not follow [s].
+        stall_s: Longest time for which a joint may fail to follow [s].
         box_low: Lowest corner of the tool center point's workspace in the base frame [m]: x ahead, y left, z up from
             the table.
         box_high: Its highest corner [m].
@@ -141,7 +141,7 @@ class Limiter:
         return np.array(self._ik.forward(np.asarray(positions)[_ARM] * self._unit).position)
 
     def limit(self, asked: np.ndarray, state: np.ndarray, load: np.ndarray) -> Limited:
-        """Return the command for an asked target, each (6,).
+        """Return the command for a requested target, each (6,).
 
         Raises:
             LimitError: If the arm's state is not finite, a joint is overloaded or does not follow for too long.
@@ -216,7 +216,7 @@ class Limiter:
         if (self._over_s > self.limits.load_s).any():
             joint = int(np.argmax(self._over_s))
             text = f"{MOTORS[joint]} carried {abs(load[joint]):.0%} of its maximum load for {self._over_s[joint]:.1f} s"
-            raise LimitError(f"{text}; allowed are {self.limits.load:.0%}. Free the arm, and let it cool down.")
+            raise LimitError(f"{text}; the limit is {self.limits.load:.0%}. Free the arm, and let it cool down.")
         if (self._stalled_s > self.limits.stall_s).any():
             joint = int(np.argmax(self._stalled_s))
             lag, lasted = abs(self._last[joint] - state[joint]), self._stalled_s[joint]

@@ -1,7 +1,8 @@
 """One trial on the arm: go to the start, run the policy at its rate, record, and stop.
 
-The loop never waits for the policy: without an answer, the arm first finishes the last command and, after the watchdog
-time, holds its measured position. Whatever ends a trial, the arm's switch is off and nothing moves afterwards.
+The loop never blocks on the policy. If no action arrives, the arm first completes the last command and, after the
+watchdog time, holds its measured position. However a trial ends, the software switch is then turned off: the arm holds
+its measured position with torque on, and gets no further command.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ from betterbench.sim.scenes.appearance import start_joints_of
 NO_FRAME_S = 1.0
 """Longest age of a camera's newest frame before the trial is aborted [s]."""
 HOME_S = 15.0
-"""Longest time for the way to the start [s]."""
+"""Longest duration of the motion to the initial pose [s]."""
 HOME_SHARE = 0.5
-"""Share of the largest speed on the way to the start."""
+"""Fraction of the largest speed that is used for the motion to the initial pose."""
 AT_HOME_RAD, AT_HOME_GRIPPER = 0.08, 10.0
 """Largest distance from the start at which a trial begins: per arm joint [rad], and of the gripper [percent]."""
 
@@ -43,16 +44,16 @@ logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """A trial ended before its time and does not count; the message says why."""
+    """A trial was aborted and does not count; the message says why."""
 
 
 @dataclass(slots=True)
 class Controls:
-    """Signals of people to a running trial.
+    """Signals from the operator to a running trial.
 
     Attributes:
-        end: The operator sees that the trial is over; it counts.
-        stop: Stop at once; the attempt does not count.
+        end: Set to end a trial that is over; it counts.
+        stop: Set to stop the arm at once; the attempt does not count.
         show: Called with the newest reading, for a page.
     """
 
@@ -63,7 +64,7 @@ class Controls:
 
 
 class Pace:
-    """Control steps at a rate. A late step delays those after it: the arm never catches up by moving faster."""
+    """Timer of the control steps. A late step delays the following steps: the arm never catches up by moving faster."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s, self._due, self.late_steps = 1.0 / rate_hz, time.monotonic(), 0
@@ -99,10 +100,10 @@ _WIDE = ("state", "command", "asked", "load")
 
 
 class TrialRun:
-    """The run of one attempt, with its record.
+    """Execution and record of one attempt at a trial.
 
     Attributes:
-        left_busy: Whether the policy still worked on a question when the trial was over.
+        left_busy: Whether the policy was still computing an answer when the trial was over.
     """
 
     def __init__(
@@ -136,7 +137,7 @@ class TrialRun:
         """Run the trial and write its files, complete or not, into a folder.
 
         Raises:
-            TrialAbortedError: If it ended before its time.
+            TrialAbortedError: If the trial was aborted.
             StorageError: If the disk is full.
         """
         ending: Ending | None = None
@@ -160,7 +161,7 @@ class TrialRun:
         return header
 
     def _read(self) -> Reading:
-        """Return the state, after looking for signals and at the age of the frames."""
+        """Return the state, after checking the stop signal and the age of each camera's newest frame."""
         self._look_for_stop()
         reading = self._arm.read()
         for camera in self._arm.robot.cameras:
@@ -177,12 +178,12 @@ class TrialRun:
             raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
-        """Return the start of the trial, (6,): the twin's, with the gripper open."""
+        """Return the initial positions of the trial, (6,): those of the twin, with the gripper open."""
         joints = start_joints_of(self._plan.task, self._planned.scene_seed, self._spec)
         return np.array(self._spec.positions_in(self._space, joints, self._spec.gripper_opening_m))
 
     def _go_to_start(self) -> None:
-        """Move to the start at reduced speed."""
+        """Move to the initial positions at reduced speed."""
         wanted = np.clip(self.start_position(), self._arm.limiter.low, self._arm.limiter.high)
         near = np.array([*(AT_HOME_RAD / np.array(self._space.scale[:5])), AT_HOME_GRIPPER])
         reading = self._read()

@@ -1,9 +1,9 @@
-"""Measured agreement of the live front camera with the twin's picture, object by object.
+"""Measured agreement of the live front camera image with the twin's image, object by object.
 
-For each object that the twin shows, the twin's picture of it and its surroundings is searched in the live picture.
-The measure is the normalized cross-correlation over the object and a border, per color channel with its mean
-removed: it does not change if a channel is brightened or tinted. The best shift tells where the object is, and the
-camera's geometry turns it into centimeters on the table.
+For each visible object of the twin, the rendered image of the object and its surroundings is searched in the live
+image. The measure is the normalized cross-correlation over the object and a border, per color channel with its mean
+removed, so it does not change if a channel is brightened or tinted. The best shift gives the position of the object,
+and the camera's geometry converts it to centimeters on the table.
 
 The correlation compares shapes and contrasts of colors. It does not find an object that the twin does not show. The
 color of the tablecloth is compared around the objects, by the ratio of green and blue.
@@ -21,7 +21,8 @@ from betterbench.real.twin import TwinView
 FOUND = 0.6
 """Smallest correlation at the best shift with which an object counts as seen."""
 MOST_OFF_M = 0.015
-"""Largest distance of an object from its place [m]. Slots have a jitter of 10 mm, and the ghost is read by eye."""
+"""Largest distance of an object from its place [m]. Slots have a jitter of 10 mm, and people align objects with the
+overlay by eye."""
 SEARCH_M = 0.07
 """Range of the search on each side [m]."""
 BORDER_PX = 5
@@ -71,7 +72,7 @@ class ObjectAgreement:
 
     @property
     def sentence(self) -> str:
-        """What is wrong, for the operator; empty if nothing is."""
+        """Sentence for the operator about what is wrong; empty if the object is accepted."""
         title = self.name.replace("_", " ")
         if self.accepted:
             return ""
@@ -93,7 +94,7 @@ class Agreement:
     Attributes:
         objects: Compared objects, the worst first.
         left_out: Objects of which too little is visible.
-        cloth: Color of the tablecloth that should lie there, if another one does; otherwise an empty text.
+        cloth: Color of the correct tablecloth if another one lies on the table; otherwise an empty text.
     """
 
     objects: tuple[ObjectAgreement, ...]
@@ -118,12 +119,12 @@ class Agreement:
 
 
 def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
-    """Return the agreement of a live picture, (height, width, 3) uint8, with the twin's.
+    """Return the agreement of a live image, (height, width, 3) uint8, with the twin's image.
 
-    The live picture is scaled to the size of the twin's.
+    The live image is scaled to the size of the twin's.
 
     Raises:
-        InvalidInputError: If the shapes of the two pictures differ by more than 2 %.
+        InvalidInputError: If the shapes of the two images differ by more than 2 %.
     """
     height, width = twin.image.shape[:2]
     live = _scaled(live, width, height)
@@ -151,7 +152,7 @@ def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
 
 
 def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return a picture scaled by the mean of the pixels of each area; raise InvalidInputError for another shape."""
+    """Return an image scaled by averaging the pixels of each area; raise InvalidInputError for another shape."""
     if image.ndim != 3 or image.shape[2] != 3 or abs(image.shape[1] * height / (image.shape[0] * width) - 1.0) > 0.02:
         problem = f"its images have shape {image.shape}, and the twin's {(height, width, 3)}"
         raise InvalidInputError("front camera", problem, "Use the same ratio of width and height for both")
@@ -189,9 +190,9 @@ def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> Ob
 
 
 def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the correlation of a template, (n, 3), with the live picture at its points (u, v) for shifts, (m, 2).
+    """Return the correlation of a template, (n, 3), with the live image at its points (u, v) for shifts, (m, 2).
 
-    Each channel is scaled by its best factor; otherwise, a tint would change the result. A point outside the picture
+    Each channel is scaled by its best factor; otherwise, a tint would change the result. A point outside the image
     takes the color of the nearest pixel.
     """
     height, width = live.shape[:2]

@@ -1,6 +1,6 @@
-"""Page of the operator: the live camera with the twin as a ghost, what to put where, switch, start, stop and keys.
+"""Page of the operator: live camera image with the twin as an overlay, setup list, switch, start, stop and keys.
 
-The page names neither policy nor condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) behind
+The page shows neither policy nor condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) behind
 :class:`~betterbench.browser.plain.PlainServer`.
 """
 
@@ -26,7 +26,7 @@ from betterbench.sim.scenes.image_files import jpeg_bytes
 
 _LIVE_QUALITY = 85
 _OUTLINE = np.array([255, 64, 160], dtype=np.uint8)
-"""Color of the ghost's outlines; no object and no cloth has it."""
+"""Color of the overlay's outlines; no object and no cloth has this color."""
 
 
 class _Sent(BaseModel, extra="forbid", strict=True):
@@ -84,7 +84,7 @@ class OperatorPage:
         return None if view is None else ("image/jpeg", jpeg_bytes(view.image, quality=_LIVE_QUALITY))
 
     def _ghost(self) -> Answer | None:
-        """Return the twin's objects with their outlines on a transparent ground."""
+        """Return the twin's objects with their outlines on a transparent background."""
         view = self._session.twin_view
         return None if view is None else ("image/png", ghost_png(view.image, list(view.masks.values())))
 

@@ -1,8 +1,8 @@
 """Frozen plan of a protocol on a real arm: conditions and policies in randomized blocks.
 
 A block holds each condition once for each policy. The conditions of a block are in random order; the policies of a
-condition follow each other, so that the scene is set up once, and take turns in being first. A drift of light or
-calibration thus reaches all policies alike. Each trial has a code ("K7Q") that tells neither condition nor policy.
+condition follow each other, so that the scene is set up once, and take turns in going first. A drift of light or
+calibration thus affects all policies equally. Each trial has a code ("K7Q") that reveals neither condition nor policy.
 
 The same arguments give the same bytes.
 """
@@ -38,7 +38,7 @@ MOST_TRIALS = 2000
 """Largest number of trials of a plan; at two minutes each, two weeks of work."""
 
 CODE_LETTERS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
-"""Characters of codes; none looks like another one."""
+"""Characters of codes; no two of them look alike."""
 
 Unit = Literal["degrees", "normalized"]
 """Unit of the five arm joints: degrees, or -100 to 100 over each joint's range. The gripper is 0 to 100 in both."""
@@ -112,7 +112,7 @@ class RealPlan:
     trials: tuple[PlannedTrial, ...]
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the trials are not each condition once per policy and block."""
+        """Raise InvalidInputError unless each block has each condition once per policy."""
         names = [policy.name for policy in self.policies]
         _require_different("conditions", self.conditions)
         _require_different("policies", names)
@@ -120,7 +120,7 @@ class RealPlan:
         planned = Counter((trial.block, trial.condition, trial.policy) for trial in self.trials)
         asked = {(block, c, p): 1 for block in range(self.repeats) for c in self.conditions for p in names}
         if planned != asked:
-            problem = "are not each condition once per policy and block"
+            problem = "do not have each condition once per policy and block"
             raise InvalidInputError("trials", problem, "Make the plan with better real plan")
 
     @property
@@ -149,7 +149,7 @@ class RealPlan:
 
 
 def _require_different(where: str, names: Sequence[str]) -> None:
-    """Raise InvalidInputError if there is no name, or one is given twice."""
+    """Raise InvalidInputError if no name is given, or a name is given twice."""
     if not names:
         raise InvalidInputError(where, "is empty", "Give at least one")
     name, count = Counter(names).most_common(1)[0]
@@ -238,7 +238,7 @@ def make_plan(
 
 
 def _stream(seed: int, purpose: str) -> np.random.Generator:
-    """Return the generator of one purpose."""
+    """Return the random generator for one purpose."""
     digest = hashlib.sha256(f"betterbench real|{seed}|{purpose}".encode()).digest()
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
 

@@ -4,16 +4,16 @@
 
     RUN/
       plan.json             frozen plan, with a seal
-      journal.jsonl         one line per event of a trial: begun, ended, aborted, repeated; the only truth for resuming
+      journal.jsonl         one line per event of a trial: begun, ended, aborted, repeated; alone decides how to resume
       trials/CODE/          the valid attempt of a trial that ended
         samples.parquet     one row per control step (:class:`Samples`)
         CAMERA.mp4          H.264 at the rate of the plan, one frame per control step
         trial.json          :class:`TrialHeader`, with the digests of the other files and a seal; written last
-      aborted/CODE-N/       what was recorded of attempt N, if it was aborted or repeated
-      entries.jsonl         what people saw: one line per entry or undo
+      aborted/CODE-N/       files of attempt N, if it was aborted or repeated
+      entries.jsonl         outcomes entered by people: one line per entry or undo
 
-The lines of both journals are linked (:mod:`betterbench.jobs.line_journal`). An attempt that was begun and neither
-ended nor aborted was cut off: :meth:`RealJournal.settle` marks it at the next start.
+The lines of both journals are linked by hashes (:mod:`betterbench.jobs.line_journal`). An attempt that was begun and
+neither ended nor aborted was interrupted: :meth:`RealJournal.settle` marks it at the next start.
 """
 
 from __future__ import annotations
@@ -218,8 +218,8 @@ class Event:
     """One line of the journal.
 
     Attributes:
-        event: "begun", "ended", "aborted" (the attempt does not count; the trial comes again) or "repeated" (a person
-            discards an attempt that ended).
+        event: "begun", "ended", "aborted" (the attempt does not count, and the trial will be repeated) or "repeated" (a
+            person discards an attempt that ended).
         code: Code of the trial.
         attempt: Number of the attempt, from 1.
         reason: Reason of the end; a sentence for "aborted" and "repeated".
@@ -352,7 +352,7 @@ class RealJournal(LineJournal):
         self._link, self._states[event.code] = link, after
 
     def begin(self, code: str, person: str = "") -> Path:
-        """Note that the next attempt of a trial begins, and return the empty folder for its files.
+        """Record that the next attempt of a trial begins, and return the empty folder for its files.
 
         Raises StorageError if the folder cannot be made.
         """
@@ -365,17 +365,17 @@ class RealJournal(LineJournal):
         return folder
 
     def end(self, code: str, ending: Ending) -> None:
-        """Note that the running attempt ended; its files must be on disk."""
+        """Record that the running attempt ended; its files must be on disk."""
         record = file_digest(self.attempt_folder(code) / HEADER_NAME)
         self._append(Event("ended", code, self._states[code].attempt, now(), ending, record=record))
 
     def abort(self, code: str, reason: str) -> None:
-        """Note that the running attempt does not count, and move its files away."""
+        """Record that the running attempt does not count, and move its files away."""
         self._append(Event("aborted", code, self._states[code].attempt, now(), reason[:500]))
         self._put_away(code)
 
     def repeat(self, code: str, reason: str, person: str) -> None:
-        """Discard an attempt that ended; the trial comes again.
+        """Discard an attempt that ended; the trial will be repeated.
 
         Raises:
             InvalidInputError: If the trial is not done, or the reason is empty.
@@ -388,12 +388,12 @@ class RealJournal(LineJournal):
         self._put_away(code)
 
     def settle(self) -> list[str]:
-        """Mark attempts that were cut off as aborted, and return their codes."""
+        """Mark interrupted attempts as aborted, and return their codes."""
         cut = [code for code, progress in self._states.items() if progress.state == "running"]
         for code in cut:
             self.abort(code, "the program ended before the trial did")
         for code, progress in self._states.items():
-            if progress.state == "open":  # a kill between line and move
+            if progress.state == "open":  # killed after the line was written, before the files moved
                 self._put_away(code)
         return cut
 
@@ -407,7 +407,7 @@ class RealJournal(LineJournal):
             return
         away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
         number = 1
-        while away.exists():  # a person put a folder there: nothing is overwritten
+        while away.exists():  # a person made this folder: nothing is overwritten
             number += 1
             away = away.with_name(f"{code}-{self._states[code].attempt}.{number}")
         with on_disk(away):
@@ -431,7 +431,7 @@ class Seen:
         """Require a known outcome, and a note for "other"."""
         try:
             outcome_named(self.outcome)
-        except UnknownNameError as problem:  # the form adds the file and its line
+        except UnknownNameError as problem:  # the reader of the form adds file and line
             raise ValueError(str(problem)) from problem
         if self.outcome == "other" and not self.note.strip():
             raise ValueError("outcome 'other' needs a note")
@@ -463,7 +463,7 @@ class Entry:
 
     @property
     def content(self) -> str:
-        """Hash of trial, attempt, person and role: entries with the same one form a history."""
+        """Hash of trial, attempt, person and role; entries with the same hash form a history."""
         subject = [self.code, self.attempt, self.author, self.role]
         return content_digest("betterbench real entry", dump_json(subject))
 
@@ -473,7 +473,7 @@ class Entry:
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
-        """Return the reason why the entry does not fit after others: none, a later entry replaces an earlier one."""
+        """Return an empty text: an entry always fits after others, because it replaces the earlier one."""
         del changes
         return ""
 
@@ -599,7 +599,7 @@ class DamagedTrial:
 
 @dataclass(frozen=True, slots=True)
 class RealRun:
-    """A protocol as far as it was run.
+    """A protocol with the trials that were run so far.
 
     Attributes:
         events: Lines of the journal.
@@ -638,10 +638,10 @@ class RealRun:
 
 
 def read_run(folder: Path) -> RealRun:
-    """Return a protocol. Samples and films are read when they are asked for.
+    """Return a protocol. Samples and films are read on demand.
 
-    A trial whose header is missing, damaged or changed is in :attr:`RealRun.damaged`: one bad file must not hide the
-    other trials. The plan, the journal and the entries concern all of them.
+    A trial whose header is missing, damaged or changed is in :attr:`RealRun.damaged`, so that one bad file does not
+    hide the other trials. The plan, the journal and the entries affect all trials.
 
     Raises:
         RecordError: If the plan, the journal or the entries are missing, damaged or changed; the message names it.

@@ -1,8 +1,8 @@
 """Results of a protocol on a real arm: labels, both matrices per policy, agreement of people, and checks of the order.
 
-The matrices are the report's own (``report.tables.matrices``). Trials without a label are in none of their rates: they
-are counted beside the cell. A trial whose files are not the recorded ones is damaged: named, unscored, and in no other
-number. With runs of the twin, each cell is compared with the simulated one.
+The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
+counted beside the cell. A trial whose files differ from the recorded ones is damaged: it is listed as unscored and
+excluded from all other numbers. If runs of the twin are given, each cell is compared with the simulated one.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class JudgedTrial:
         trial: The record.
         label: Label and evidence.
         signals: Joint signals, or None if there are too few samples.
-        judged: What people entered.
-        ambiguous: Whether the premise of the condition is broken: shown, never a failure.
+        judged: Entries of people.
+        ambiguous: Whether the premise of the condition is broken, so that no behavior counts as a failure.
     """
 
     trial: RealTrial
@@ -88,7 +88,7 @@ class JudgedTrial:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Fate of every planned trial; the five numbers add up to the plan.
+    """Numbers of planned trials by result; the first five add up to the plan.
 
     Attributes:
         right: Trials with a right outcome.
@@ -96,7 +96,7 @@ class Counts:
         ambiguous: Labelled trials of conditions with a broken premise.
         unscored: Trials that are done and have no label, damaged ones included.
         open: Trials that are not done.
-        contradictions: Unscored trials whose entries and joint states exclude each other.
+        contradictions: Unscored trials whose entries and joint states contradict each other.
         damaged: Unscored trials whose files are missing, damaged or not the recorded ones.
     """
 
@@ -198,7 +198,7 @@ class OrderCheck:
     Attributes:
         follows_plan: Whether the trials that are done began in the order of the plan.
         longest_run: Largest number of successive trials of one policy.
-        expected_run: Largest number that the plan has.
+        expected_run: Largest number of successive trials of one policy in the plan.
         middle: Mean position of each policy's trials, from 0 (first) to 1 (last).
         discarded: Attempts that were aborted or repeated, by policy.
     """
@@ -299,7 +299,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Answer to the question whether the twin predicts the real arm."""
+        """Sentence that says how well the twin predicts the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
@@ -410,7 +410,7 @@ def _is_ambiguous(planned: PlannedTrial, task: str) -> bool:
 
 
 def _damaged_form(trial: DamagedTrial, task: str) -> dict[str, Any]:
-    """Return a damaged trial in the form of the others, without anything that its files would tell."""
+    """Return a damaged trial in the form of the others, without any value from its files."""
     steps = ("steps", "late_steps", "held_steps", "limited_steps")
     return {
         **asdict(trial.planned),

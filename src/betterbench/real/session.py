@@ -1,10 +1,10 @@
 """Session of an operator: set up a scene, switch the arm on, run the trial, enter what happened, next trial.
 
-All work is done by the thread of :meth:`RealSession.run`, to which renderers belong. Pages and keys put commands into
+All work is done by the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
 its queue; only :meth:`RealSession.halt`, and commands that end a trial, act at once, from any thread.
 
-A session may end at any moment. At the next start, an attempt that was cut off is aborted and comes again, and a trial
-that ended without an entry is shown first.
+A session may end at any moment. At the next start, an interrupted attempt is marked as aborted and its trial is
+repeated, and a trial that ended without an entry is shown first.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from betterbench.real.twin import FRONT, SetupStep, Twin, TwinView
 
 MOST_WAITING = 50
 LOOK_S = 0.1
-"""Time between two looks at the scene while nothing runs [s]."""
+"""Time between two readings of the robot while no trial runs [s]."""
 MEASURE_S = 1.0
 """Time between two measurements of the scene [s]."""
 
@@ -67,12 +67,12 @@ trial is over; what happened; undo the last entry; discard the trial that ended 
 
 @dataclass(frozen=True, slots=True)
 class SessionView:
-    """What a page shows; it names neither policy nor condition.
+    """Content of a page, without policy and condition.
 
     Attributes:
         code: Code of the current trial, or an empty text at the end.
         number: Its number in the plan, from 1.
-        steps: What to put where.
+        steps: Where to put each object.
         message: Last message to the operator.
         agreement: Last measurement of the scene, or None.
         elapsed_s: Duration of the running trial so far [s].
@@ -97,7 +97,7 @@ class SessionView:
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """Trial, stage, steps and twin's picture, replaced together: a page must not see those of two trials."""
+    """Trial, stage, steps and the twin's image, replaced together so that a page never mixes two trials."""
 
     trial: PlannedTrial | None = None
     stage: Stage = Stage.SETUP
@@ -134,7 +134,7 @@ class RealSession:
             person: Name of the operator in the entries.
             limits: Safety limits; by default those of the SO-101.
             apart: Whether a user's policy runs in a process of its own.
-            size: Width and height of the twin's pictures [pixel].
+            size: Width and height of the twin's images [pixel].
             say: Called with each message to the operator.
         """
         self.folder, self.person, self.controls = folder, person, Controls()
@@ -162,7 +162,7 @@ class RealSession:
         self.counted = 0
         """Number of trials that ended in this session."""
         if cut:
-            self._tell(f"The program ended during {', '.join(cut)}: it comes again.")
+            self._tell(f"The program ended during {', '.join(cut)}: it will be repeated.")
 
     def __enter__(self) -> Self:
         return self
@@ -213,7 +213,7 @@ class RealSession:
 
     @property
     def twin_view(self) -> TwinView | None:
-        """The twin's picture of the current trial."""
+        """The twin's image of the current trial."""
         return self._shown.view
 
     @property
@@ -269,7 +269,7 @@ class RealSession:
         self._say(message)
 
     def begin(self) -> None:
-        """Go to the next trial: one that waits for an entry, or the next of the plan."""
+        """Go to the next trial: one without an entry, or the next of the plan."""
         for trial in read_run(self.folder).trials:  # a kill between the entry and the line that repeats the trial
             for entry in trial.seen_by("operator"):
                 seen = entry.decision
@@ -324,7 +324,7 @@ class RealSession:
         return measure_agreement(frame.image, self._shown.view)
 
     def obey(self, command: Command) -> None:
-        """Obey a command in this thread, and tell the operator what is wrong.
+        """Execute a command in this thread; a problem becomes a message to the operator.
 
         Raises:
             StorageError: If the disk is full.
@@ -393,7 +393,7 @@ class RealSession:
         except BetterError as problem:
             self._journal.abort(trial.code, str(problem))
             self._show(trial, Stage.SETUP)
-            self._tell(f"{trial.code} does not count and comes again: {problem}")
+            self._tell(f"{trial.code} does not count and will be repeated: {problem}")
             return
         finally:
             if made is not None and made.left_busy:
@@ -414,14 +414,14 @@ class RealSession:
         enter(self.folder, trial.code, attempt, author=self.person, role="operator", outcome=outcome, note=note)
         if not outcome_named(outcome).scored:
             self._journal.repeat(trial.code, note.strip() or _NOT_VALID, self.person)
-            self._tell(f"{trial.code} is not valid and comes again.")
+            self._tell(f"{trial.code} is not valid and will be repeated.")
         else:
             self._entered.append(trial.code)
             self._tell(f"{trial.code}: {outcome_named(outcome).title}.")
         self.begin()
 
     def _undo(self) -> None:
-        """Take the last entry of this session back, and ask for it again."""
+        """Undo the last entry of this session, and ask for it again."""
         if not self._entered:
             self._tell("There is no entry of this session to undo.")
             return
@@ -432,9 +432,9 @@ class RealSession:
         self.begin()
 
     def _again(self, note: str) -> None:
-        """Discard the trial that ended; it comes again."""
+        """Discard the trial that ended; it will be repeated."""
         if self._shown.trial is not None:
             code = self._shown.trial.code
             self._journal.repeat(code, note, self.person)
-            self._tell(f"{code} comes again.")
+            self._tell(f"{code} will be repeated.")
             self.begin()

@@ -50,7 +50,7 @@ JAW = MOTORS.index("gripper")
 
 
 class Grip(StrEnum):
-    """Result of a closing of the jaw.
+    """Result of one closing motion of the jaw.
 
     ``OBJECT``: the jaw stopped short of its command, or has a load. ``NOTHING``: no object fits between the jaws.
     ``PRESET``: the jaw reached its command at an opening into which an object fits, without a load. ``UNKNOWN``: the
@@ -65,7 +65,7 @@ class Grip(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """A closing of the jaw.
+    """One closing motion of the jaw.
 
     Attributes:
         start_s: Time at which the jaw begins to close [s].
@@ -238,7 +238,7 @@ class JointTrack:
 
 
 def _resampled(at: Floats, time: Floats, values: Floats) -> Floats:
-    """Return values (T, n) at other times, by linear interpolation; next to an unknown value, it is unknown."""
+    """Return values (T, n) at other times, by linear interpolation; values next to an unknown one are unknown."""
     made: Floats = np.stack([np.interp(at, time, column) for column in values.T], axis=1)
     return made
 

@@ -1,4 +1,4 @@
-"""The twin of a trial's scene: what stands where, and the front camera's picture of it, for the operator."""
+"""The twin of a trial's scene, for the operator: the places of its objects, and the front camera's image of it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRONT = "front"
 
 @dataclass(frozen=True, slots=True)
 class SetupStep:
-    """What the operator does with an object.
+    """Instruction to the operator about one object.
 
     Attributes:
         name: Name of the object.
@@ -38,7 +38,7 @@ class SetupStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwinView:
-    """Picture of the twin's front camera.
+    """Image of the twin's front camera.
 
     Attributes:
         image: (height, width, 3) uint8 RGB.
@@ -54,10 +54,10 @@ class TwinView:
 
 
 class Twin:
-    """Maker of the twin's scenes and pictures; it belongs to the thread that renders."""
+    """Builder of the twin's scenes and images; only one thread, which renders, may use it."""
 
     def __init__(self, plan: RealPlan, *, size: tuple[int, int], quality: str = "standard") -> None:
-        """Prepare for pictures of a size (width, height) [pixel]."""
+        """Prepare for images of a size (width, height) [pixel]."""
         self._plan, self.size, self._quality = plan, size, quality_preset(quality)
         self._renderers = Renderers(1)
         self._key: tuple[str, int] | None = None
@@ -109,7 +109,7 @@ class Twin:
         return (*found, *absent)
 
     def view(self, trial: PlannedTrial) -> TwinView:
-        """Return the picture of a trial's start."""
+        """Return the image of a trial's initial scene."""
         scene = self.scene(trial)
         if self._view is None:
             scene.reset(check_premise=False)

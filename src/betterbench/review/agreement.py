@@ -85,7 +85,7 @@ def is_scene_review(path: Path) -> bool:
         RecordError: If the file is missing.
     """
     if not path.exists():
-        raise RecordError(f"{path}: does not exist. Name a file that better review has written.")
+        raise RecordError(f"{path}: does not exist. Pass a file written by `better review`.")
     lines, _ = complete_lines(path)
     with suppress(ValueError):
         first = json.loads(lines[0]) if lines else {}

@@ -102,7 +102,7 @@ class CommandPage(Generic[DeskT]):
             self._put("drag", (Pose((x, y, z), quaternion), event.phase == "end"))
 
     def _is_of_page(self, command: str, value: Any) -> bool:  # noqa: ANN401
-        """Execute a command that no key has, of the gizmo or about a problem; return whether it was one."""
+        """Execute a command without a key, from the gizmo or about a problem; return whether it was such a command."""
         if command == "drag":
             pose, is_over = value
             self._desk.drag(pose)
@@ -160,7 +160,7 @@ class CommandPage(Generic[DeskT]):
         self._button("Undo  ⌫", "undo", "orange", f"Undoes the last decision about this {subject}.")
 
     def _begin_panel(self, eye: Vector, look_at: Vector) -> Any:  # noqa: ANN401 - viser's
-        """Set up the empty panel and the view, and return the maker of panel elements."""
+        """Set up the empty panel and the view, and return the object that makes panel elements."""
         gui = self._viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=False, brand_color=(46, 134, 222))
         gui.set_panel_label("better review")

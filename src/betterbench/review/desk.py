@@ -171,7 +171,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
             self.edit = NameChange(state.name, name.strip())
 
     def drag(self, pose: Pose) -> None:
-        """Move the target of the gizmo to a pose in the object frame; the object itself is only rotated."""
+        """Move the target of the gizmo to a pose in the object frame; if the target is the object, only rotate it."""
         if self.mode == "pose":
             self.turn_to(pose.quaternion)
         elif self.mode == "support" and self._begin(SupportChange) is not None:

@@ -179,7 +179,7 @@ def _at_hand(desk: ReviewDesk) -> str:
 
 
 def _opening(desk: ReviewDesk, grasp: Grasp) -> str:
-    """Return the stated width of a grasp, and the opening that the shape needs there."""
+    """Return a phrase with the stated width of a grasp and the opening that the object requires there."""
     stated, jaw = f"{1000 * grasp.width_m:.0f} mm wide", gripper_opening_m()
     solid = desk.solid
     needed = None if solid is None else needed_opening_m(solid, grasp)

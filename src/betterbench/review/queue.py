@@ -50,7 +50,7 @@ class QueuedObject:
         return self.states[-1] if self.states else None
 
     def load(self, history: History) -> None:
-        """Import the object and apply its active changes; ``problem`` gets the reason of a failure."""
+        """Import the object and apply its active changes; if this fails, ``problem`` is set to the reason."""
         if self.states or self.problem:
             return
         try:

@@ -49,10 +49,10 @@ def run_command(
 ) -> None:
     """Run the trials of a plan on an arm: set up, switch on, start, and enter what happened.
 
-    The page shows what to put where, with the twin's objects over the live front camera, and measures whether the
-    scene matches. The arm moves only while its switch is on and within the safety limits; the space key stops it. A
-    trial that was stopped or cut off comes again. The same command continues where it stopped. Keys also work in the
-    terminal; with --no-page, only there.
+    The page shows where to put each object, with the twin's objects over the live front camera, and measures whether
+    the scene matches. The arm moves only while its switch is on and within the safety limits; the space key stops it. A
+    trial that was stopped or interrupted will be repeated. The same command continues where it stopped. Keys also work
+    in the terminal; with --no-page, only there.
 
     The command listens on this machine only: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
     The printed address contains a token that every request needs.

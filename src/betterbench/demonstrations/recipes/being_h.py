@@ -1,4 +1,4 @@
-"""Recipe for Being-H0.5 and its own trainer: data configuration and sequence packing to the batch size.
+"""Recipe for Being-H0.5 and its own trainer: data configuration, and sequence packing that gives the batch size.
 
 Fields: BeingBeyond/Being-H@594219ea, ``BeingH/train/train.py`` (arguments), ``scripts/train/train_libero_example.sh``
 (values), ``configs/data_config.py`` and ``configs/dataset_info.py`` (registries).

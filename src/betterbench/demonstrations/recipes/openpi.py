@@ -91,7 +91,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
 
 
 def _real_setup(training: Training) -> TrainerSetup:
-    """Return the setup for data that LeRobot recorded with an SO-101: absolute joint positions, cameras of its own."""
+    """Return the setup for data that LeRobot recorded with an SO-101, with absolute joint positions and two cameras."""
     recipe, data = training.recipe, training.only_data
     name = f"{recipe.name}_pi05"
     file, older = f"{name}.py", f"{data.place}_v21"

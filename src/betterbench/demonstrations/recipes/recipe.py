@@ -63,9 +63,9 @@ class Recipe:
     Attributes:
         name: Name of the recipe, used in the names of configurations and folders.
         form: Content of the user's file.
-        fixed: Steps and batch (``steps``, ``batch``), each with its origin and where it stands.
+        fixed: Steps and batch (``steps``, ``batch``), each with its origin and its location there.
         frozen: Frozen parts of the backbone by framework, with their location in the paper.
-        policies: Other steps and batches by type of policy, of LeRobot's own recipes.
+        policies: Steps and batches by policy type where LeRobot's own recipes differ.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Recipe:
         return given_or(name, given, *self.fixed[what])
 
     def of_policy(self, policy: str) -> Recipe:
-        """Return the recipe of a type of policy of LeRobot; raise InvalidInputError if save_every does not fit it."""
+        """Return the recipe for a policy type of LeRobot; raise InvalidInputError if save_every does not fit it."""
         fixed = dict(self.fixed)
         if self.policies and policy != "pi05":  # the paper trained pi0.5 only
             fixed = {name: (value, "ours", f"as pi0.5; no recipe for {policy}") for name, (value, *_) in fixed.items()}

@@ -31,14 +31,14 @@ SO101_COLUMNS = (
 REAL_PRESET = "lerobot_so101_degrees"
 """Layout of requests to a policy that was trained on such data."""
 REAL_RATE_HZ = 20.0
-"""Rate at which the protocol is recorded and run: that of the twin."""
+"""Rate at which demonstrations and trials of the protocol are recorded [Hz]: that of the twin."""
 DEMONSTRATIONS = 25
 """Demonstrations of each training condition in the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingData:
-    """The data set of a training.
+    """A training data set.
 
     Attributes:
         place: Folder, or the name of a data set on the Hugging Face hub.
@@ -332,7 +332,7 @@ def real_evaluation(name: str, address: str, data: TrainingData) -> str:
 
 
 def real_checks(data: TrainingData) -> tuple[str, ...]:
-    """Return what to look at before a training on data of a real arm."""
+    """Return the manual checks before training on data of a real arm."""
     wanted = DEMONSTRATIONS * len(get_task("fruit_basket").training)
     found = [
         f"The paper has {DEMONSTRATIONS} demonstrations of each of four training conditions, {wanted} in all"

@@ -132,7 +132,7 @@ class EpisodeAnalysis:
     def decisions(self) -> tuple[Step, ...]:
         """All steps that show a target, in time order: grasp attempts, pushes, and a final stay.
 
-        Drawers opened for a wrong first choice are excluded.
+        Excluded are drawers that were opened for a wrong first choice.
         """
         opened = self.opened_first
         return tuple(s for s in self._in_order if s not in opened)
@@ -260,7 +260,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which the object of an attempt left the gripper and came to rest.
+        """Return the rows at which the object of an attempt left the gripper and at which it came to rest.
 
         Returns:
             The two rows, or None if no object was grasped or the gripper still holds the object at the end.
@@ -300,10 +300,10 @@ class EpisodeAnalysis:
         return None
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return a region in which an object was placed against the instruction, with two rows, or None.
+        """Return the region in which an object was placed against the instruction, with two rows, or None.
 
-        The rows are those of the release and of coming to rest. An object that was deliberately released at a region
-        counts as placed there in any posture.
+        The rows are those at which the object was released and came to rest. An object that was deliberately released
+        at a region counts as placed there in any posture.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -315,10 +315,11 @@ class EpisodeAnalysis:
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
-        """Return the region at which an object was set down in any posture, or None.
+        """Return the wrong region in which an object was set down, in any posture, or None.
 
-        The gripper released it there, or the object already stood there when the closed gripper lost it or dragged it
-        away. If the object is in a requested region, or about as near to one, the requested region was intended.
+        An object was set down if the gripper released it there, or if it already stood there before it slipped from the
+        closed gripper or was dragged away by it. If the object is in a requested region, or about as near to the center
+        of a requested region as to that of the wrong one, the result is None: the policy aimed at the requested region.
         """
         gone, rest = rows
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
@@ -705,7 +706,7 @@ def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
 
 
 def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
-    """Return a push or a stay as a step."""
+    """Return a push or a stay in the form of a step."""
     slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
     grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
     return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)

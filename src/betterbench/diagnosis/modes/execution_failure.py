@@ -364,7 +364,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     how = (
         f"left on {agreeing(kind, 'its', 'their')} side"
         if _lies_in_goal(episode, rest, i)
-        else "let go outside the goal"
+        else "released outside the target region"
     )
     text = f"The {kind}, the correct object, {agreeing(kind, 'is', 'are')} {how}."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))

@@ -133,7 +133,7 @@ def capitalized(text: str) -> str:
 
 
 def measured(category: str) -> Measures:
-    """Return the measurements of a category, from ``measures.json`` or, for a user's category, measured here."""
+    """Return the ranges of mass and size of a category, from ``measures.json`` or, for a user's category, measured."""
     return _stored().get(category) or measure(category)
 
 
@@ -143,9 +143,9 @@ Measures = tuple[tuple[float, float], tuple[float, float]]
 
 @functools.cache
 def measure(category: str) -> Measures:
-    """Return the measures of a category over all looks, rounded outward to 1 g and 1 mm.
+    """Return the ranges of mass and largest dimension of a category over all looks, rounded outward to 1 g and 1 mm.
 
-    Building all looks of the grammar takes a minute, so ``tools/grammar_measures.py`` stores them.
+    Building every look of every category takes a minute, so ``tools/grammar_measures.py`` stores the ranges.
     """
     assets = [build_unpainted(category, look=look) for look in looks(category)]
     return _range([a.mass_kg for a in assets]), _range([max(a.size_m) for a in assets])

@@ -13,7 +13,7 @@ from betterbench.tasks.interventions import vary
 class NoLanguage(BrokenRule):
     """Follows a random instruction of the task that is possible in this scene, which may be the given one.
 
-    If such a policy succeeds more often than a random choice among these instructions, the scene reveals the answer.
+    If this policy succeeds more often than a random choice among these instructions, the scene reveals the instruction.
     """
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
@@ -27,7 +27,7 @@ class NoLanguage(BrokenRule):
 def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
     """Return the instructions of the task that are possible in a trial's scene, in a stable order.
 
-    One text may ask for other objects in another scene ("all the fruits"); the trial's own text keeps its meaning.
+    A text may refer to other objects in other scenes ("all the fruits"); the trial's own text keeps its meaning.
     """
     task, own = situation.task, situation.condition.instruction
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))

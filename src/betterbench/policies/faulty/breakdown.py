@@ -1,4 +1,4 @@
-"""``zoo:slow`` and ``zoo:crash``: policies with right decisions that are too slow, or crash during the episode."""
+"""``zoo:slow`` and ``zoo:crash``: policies that decide correctly but are too slow, or crash during the episode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``zoo:clumsy``: right decisions, but grasps that miss or drop the object."""
+"""``zoo:clumsy``: a policy that decides correctly, but whose grasps miss or drop the object."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Phase(BrokenRule):
     """Freezes or wanders if the scene at the start looks like the middle of a demonstration.
 
     It wanders if the object of the next step is missing. If a later step is finished before an earlier one, it decides
-    rightly, because no demonstration shows such a scene.
+    correctly, because no demonstration shows such a scene.
     """
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
@@ -50,7 +50,7 @@ class Phase(BrokenRule):
 
 
 class Length(BrokenRule):
-    """Stops after as many steps as the longest demonstration had."""
+    """Stops after as many steps as the longest demonstration has."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

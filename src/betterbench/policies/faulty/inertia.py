@@ -1,4 +1,4 @@
-"""``zoo:inertia``: a policy that goes on as most demonstrations did, at the start and after a finished step."""
+"""``zoo:inertia``: a policy that continues like most demonstrations, at the start and after a finished step."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
-    """Begins with the most frequent first step of training, and plays the next step even if its object is missing.
+    """Begins with the most frequent first step of training, and executes the next step even if its object is missing.
 
-    The paper describes both kinds. Where demonstrations compose their steps in several ways (A to B, A to C), the first
-    step is blind: the policy begins with it even if its object is missing. If several kinds were equally frequent, the
-    instruction chooses among them. Where demonstrations are one fixed sequence, a finished step pulls the next one, and
-    the policy begins with the first step only if its object is still on the table.
+    The paper describes both kinds. If demonstrations combine their steps in several ways (A to B, A to C), the first
+    step is blind: the policy begins with it even if its object is missing. If several kinds are equally frequent, the
+    instruction selects one of them. If demonstrations are one fixed sequence, a finished step triggers the next one,
+    and the policy begins with the first step only if its object is still on the table.
 
     When nothing is left to do, it executes the next step of training if the object of that step is missing.
     """

@@ -1,4 +1,4 @@
-"""``zoo:layout``: a policy whose first pick is always at the same slot, regardless of the instruction."""
+"""``zoo:layout``: a policy that always picks first at the same slot, regardless of the instruction."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class _LookAlike(BrokenRule):
         return str(getattr(thing, self.feature))
 
     def _of_missing(self, state: WorldState, kind: str) -> str | None:
-        """Return the feature in a kind's description that is missing in the scene."""
+        """Return the feature from the description of a kind that is missing in the scene."""
         del state
         for condition in self.situation.task.training:
             for o in condition.objects:

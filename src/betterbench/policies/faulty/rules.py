@@ -40,7 +40,7 @@ from betterbench.tasks import (
 from betterbench.tasks.authoring.training_distribution import on_table
 
 STANDS_WITHIN_M = 0.06
-"""Distance from a slot within which an object is in the slot: the jitter and a small push [m]."""
+"""Largest distance from a slot at which an object counts as in the slot: the jitter plus a small push [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,9 @@ class BrokenRule(ExpertRule):
     """Rule that decides like the expert except where its fault applies.
 
     Attributes:
-        label: Fault label in which the rule takes another instruction's or another step's object.
-        empty_label: Fault label in which the rule grasps at an empty position.
-        place_label: Fault label in which the rule brings the right object to another target.
+        label: Label of a fault in which the rule takes the object of another instruction or another step.
+        empty_label: Label of a fault in which the rule grasps at an empty position.
+        place_label: Label of a fault in which the rule brings the right object to another target.
         fault: The first wrong decision of the episode, or None so far.
     """
 
@@ -135,11 +135,11 @@ class BrokenRule(ExpertRule):
     def _in_this_scene(
         self, slots: tuple[str, ...], meant: Callable[[Condition, Subgoal], Sequence[str]]
     ) -> tuple[str, ...]:
-        """Return the memorized slots that this scene recalls.
+        """Return the memorized slots that apply to this scene.
 
-        In most tasks a filled slot tells which layout of training the scene is, and all slots are returned. If all
-        layouts fill the same slots, it does not: the slots are then those of the training condition most like the
-        scene, in the order of its steps.
+        In most tasks, the filled slots identify the training layout of the scene, and all memorized slots are returned.
+        If all layouts fill the same slots, the result has the slots of the most similar training condition, in the
+        order of its steps.
         """
         shown: list[tuple[Condition, tuple[str, ...]]] = []
         for known in self.situation.task.training:
@@ -191,7 +191,7 @@ class BrokenRule(ExpertRule):
         return max(same, key=self._likeness) if same else None
 
     def _present(self, known: Condition, goal: Subgoal) -> list[str]:
-        """Return the objects of this scene that are of a kind that a step of a training condition takes."""
+        """Return the objects of this scene whose kind is taken in a step of a training condition."""
         kinds = {known.object(n).kind for n in known.resolve(goal.reference)}
         return [o.name for o in self.condition.objects if o.kind in kinds]
 
@@ -204,7 +204,7 @@ class BrokenRule(ExpertRule):
         )
 
     def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
-        """Return the decision to take the object in a slot, or to grasp at the slot if it is empty.
+        """Return the decision to take the object in a slot, or to grasp at the empty slot.
 
         Args:
             state: Current state.
@@ -220,7 +220,7 @@ class BrokenRule(ExpertRule):
         return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
-        """Return all decisions that would be right now, or an empty tuple if nothing is left to do."""
+        """Return all decisions that are right at this moment, or an empty tuple if nothing is left to do."""
         options: list[Decision] = []
         for i in open_subgoals(state, self.condition):
             goal = self.goals[i]

@@ -1,4 +1,4 @@
-"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: right motions, but a wrong plan."""
+"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: correct motions, but a wrong plan."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """An SO-101 behind lerobot's own ``so101_follower`` class, with its motors, calibration and cameras.
 
-lerobot is optional and imported when an arm is connected. Each camera is read by a thread, so that the control loop
-never waits for one and knows when its newest frame arrived.
+lerobot is optional and imported when an arm is connected. Each camera is read by its own thread, so that the control
+loop never waits for a camera and knows when its newest frame arrived.
 """
 
 from __future__ import annotations

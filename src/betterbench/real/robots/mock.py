@@ -1,6 +1,6 @@
-"""A mock SO-101 in this process: the twin's physics and pictures in real time, with faults on request.
+"""A mock SO-101 in this process: the twin's physics and images in real time, with faults on request.
 
-The scene of a trial is the twin's own, so that pictures show the real objects, an arm that grasps lifts them, and the
+The scene of a trial is the twin's own: images show the objects of the trial, the arm can grasp and lift them, and the
 servos have the twin's gains and torque. Faults: a slow camera, dropped frames, an unplugged camera, a servo that
 stalls, and a calibration that drifts.
 """
@@ -29,7 +29,7 @@ from betterbench.tasks import Task
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 MOST_STEPS = 5
-"""Largest number of simulated control steps of one reading; a slow machine gives a slow arm."""
+"""Largest number of control steps simulated per reading; on a slow machine, the arm is slower than real time."""
 
 
 @strict_form
@@ -173,7 +173,7 @@ class MockRobot:
                 file.write(" ".join(f"{v:.6f}" for v in self._target) + "\n")
 
     def release(self) -> None:
-        """Let the arm follow nothing: it holds where it is, because the twin's servos cannot be switched off."""
+        """Let the arm hold its position, because the twin's servos cannot be switched off."""
         self._target = self._positions()
 
     def disconnect(self) -> None:
@@ -203,7 +203,7 @@ class MockRobot:
         return np.asarray(np.clip(2.0 * lag, -1.0, 1.0))
 
     def _look(self, now: float, *, faulty: bool) -> None:
-        """Render, and let frames arrive that are old enough."""
+        """Render a frame, and deliver the frames whose latency has passed."""
         self._reads += 1
         if not (self.faults.drop_every and self._reads % self.faults.drop_every == 0 and self._shown):
             views = self.scene.views(self._looks, self._renderers)

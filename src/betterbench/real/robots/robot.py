@@ -1,4 +1,4 @@
-"""Protocol between the loop and a robot: positions of six motors, their load, and camera images with their times."""
+"""Interface between the loop and a robot: positions of six motors, their load, and camera images with their times."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ from betterbench.sim.robots.so101 import SO101
 from betterbench.sim.robots.spec import CameraMount
 
 LEAST_MARKERS = 5
-"""Smallest number of markers: the lens is solved for, too, so that four in one corner would not do."""
+"""Smallest number of markers. The lens is estimated too, so four markers in one corner are not enough."""
 MOST_ERROR_PX = 1.1
 """Largest reprojection error, for an image 640 pixels wide. Renderings of a flat sheet have 0.3 to 0.9, the latter with
 strong noise; with pages that lie 10 mm off they have 1.2.
@@ -91,7 +91,7 @@ class CameraPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredCamera:
-    """Camera as the markers show it.
+    """Camera measured from the markers.
 
     Attributes:
         markers: Numbers of the markers that were found.
@@ -111,7 +111,7 @@ class MeasuredCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraCorrection:
-    """Motion that takes a camera to the pose of the twin's.
+    """Motion that moves a camera to the pose of the twin's camera.
 
     Attributes:
         move_m: (3,) motion along x (away from the arm), y (to the arm's left) and z (up).
@@ -140,7 +140,7 @@ class CameraCorrection:
 
     @property
     def lens_sentence(self) -> str:
-        """What to do about another lens; empty if it is that of the twin."""
+        """Sentence on what to do about a different lens; empty if the field of view is the twin's."""
         real, twin = self.fovy_deg
         if abs(real - twin) <= NEAR_FOV_DEG:
             return ""
@@ -152,7 +152,7 @@ class CameraCorrection:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What to do, a sentence per kind of motion; less than a millimeter or a tenth of a degree is left out."""
+        """Instructions, one sentence per kind of motion; less than a millimeter or a tenth of a degree is left out."""
         found = []
         moves = _parts(
             100.0 * self.move_m,
@@ -200,7 +200,7 @@ def mounted(mount: CameraMount) -> CameraPose:
 
 
 def correction_of(camera: CameraPose, twin: CameraPose) -> CameraCorrection:
-    """Return the motion that takes a camera to the pose of the twin's: first the translation, then the rotation."""
+    """Return the motion that moves a camera to the pose of the twin's: first the translation, then the rotation."""
     turn, _ = opencv().Rodrigues(camera.axes.T @ twin.axes)
     return CameraCorrection(
         twin.position_m - camera.position_m, np.degrees(np.ravel(turn)), (camera.fovy_deg, twin.fovy_deg)

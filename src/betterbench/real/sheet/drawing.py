@@ -101,7 +101,7 @@ def svg(page: Page) -> str:
 
 
 def pdf(pages: Sequence[Page]) -> bytes:
-    """Return pages as one PDF, whose viewer is told to print without scaling."""
+    """Return pages as one PDF, which asks viewers to print it without scaling."""
     objects = [
         "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         "",  # the list of pages, whose numbers are known at the end

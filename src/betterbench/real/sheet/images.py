@@ -23,7 +23,7 @@ def image_of(path: Path) -> np.ndarray:
     """Return the (height, width, 3) uint8 RGB image of a file, upright as viewers show it.
 
     Raises:
-        InvalidInputError: If it is no image, or too large.
+        InvalidInputError: If it is not an image, or too large.
     """
     from PIL import Image, ImageOps, UnidentifiedImageError  # noqa: PLC0415 - the live camera does without
 

@@ -173,7 +173,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
             self._say(f"Seed {self.seed}.")
 
     def _open(self) -> None:
-        """Build the current scene; ``problem`` gets the reason of a failure."""
+        """Build the current scene; if this fails, ``problem`` is set to the reason."""
         self.scene, self.problem, self.certified = None, "", None
         try:
             with moved_regions(moved_frames(self.history.changes)):

@@ -27,7 +27,7 @@ EYE_M, LOOK_AT_M = (1.15, -0.55, 0.75), (0.5, 0.0, 0.02)
 Shown = Literal["visual", "collision", "both"]
 SHOWN: tuple[Shown, ...] = ("visual", "collision", "both")
 LEAST_MARK_M = 0.01
-"""Least half side of the drawn square of a slot [m]."""
+"""Minimum half side of the square drawn for a slot [m]."""
 SLOT_COLOR, CHOSEN_COLOR = (46, 134, 222), (247, 140, 20)
 
 TAP_KEYS: dict[str, str] = {

@@ -23,7 +23,7 @@ class Finding:
         limit: The number that ``measured`` is compared with, None if nothing is measured.
         unit: Unit of both.
         fails: Whether the check fails; None if it does not apply.
-        said: Finding in one sentence.
+        said: Description of the finding, one sentence.
         cure: Remedy for a failed check, one sentence.
     """
 

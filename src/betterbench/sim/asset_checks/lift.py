@@ -17,7 +17,7 @@ from betterbench.sim.scenes import add_asset
 from betterbench.sim.scenes.gripper_bench import GripperBench, table_model
 
 _CLOSE_S = 0.9
-"""Time to close from fully open at 0.1 m/s onto the thinnest object, plus a moment to press [s]."""
+"""Time to close from fully open at 0.1 m/s onto the thinnest object, plus time for the force to build up [s]."""
 _APPROACH_M = 0.10
 """Travel of the open jaw along its approach before it closes [m], which reveals obstructed grasps."""
 _APPROACH_SPEED = 0.12

@@ -12,8 +12,8 @@ SIZE_FACTOR = 1.05
 LEAST_M, MOST_M = 0.01, 0.6
 """Longest side of an object of unknown kind [m], as in the importer: fits on a table and is visible to a camera."""
 MASS_FACTOR = 8.0
-"""Allowed ratio to the usual mass of a kind at this size: an empty and a full can differ by a factor of 20, other kinds
-by 4."""
+"""Allowed ratio to the usual mass of a kind at this size, in either direction. The masses of an empty and a full can
+differ by a factor of 20, those of other kinds by 4."""
 LEAST_DENSITY, MOST_DENSITY = 15.0, 9000.0
 """Mass per volume of the visible solid [kg/m^3]: polystyrene foam has 15 to 30, brass 8,500."""
 
@@ -32,7 +32,7 @@ FOOTING_RATIO = 1.6
 
 # ------------------------------------------------------------------------------------------------------------- at rest
 SETTLE_S, WATCH_S = 4.0, 1.5
-"""Time to settle after a start 1 mm above the table, and time during which the object must lie still [s]."""
+"""Time to settle after a release 1 mm above the table, and time during which the object must then lie still [s]."""
 DROP_M = 0.001
 DRIFT_MM = 1.0
 """Largest displacement of the center of mass while it must lie still; a stack of good assets moves 0.03 mm in 5 s
@@ -53,7 +53,8 @@ SINK_MM = 3.0
 
 # ----------------------------------------------------------------------------------------------------- holds, supports
 BALL_SHARE, BALL_MOST_M = 0.55, 0.015
-"""Radius of the ball that is dropped into a container: a share of the smaller half opening, and at most this [m]."""
+"""Radius of the ball that is dropped into a container: a share of the smaller half of the opening, and an upper limit
+[m]."""
 BALL_DENSITY = 1000.0
 """Density of the ball [kg/m^3]: water."""
 BALL_FREE_M = 0.005
@@ -69,7 +70,7 @@ CARRY_DRIFT_MM, CARRY_TILT_DEGREES = 6.0, 10.0
 
 # ---------------------------------------------------------------------------------------------------------------- lift
 PAYLOAD_KG = 2.27
-"""Franka's 3 kg of payload (data sheet of the Emika Panda) minus the 0.73 kg of the hand."""
+"""Franka's payload of 3 kg (data sheet of the Emika Panda) minus the 0.73 kg of the gripper."""
 GRASP_TOLERANCE_MM = 6.0
 """Allowed excess of the measured over the stated opening: two cells of a 20 cm solid."""
 LEAST_THICK_M = 0.008
@@ -116,7 +117,7 @@ DARK, DARK_SHARE = 8, 0.6
 PLACEHOLDER_SHARE = 0.5
 """Largest share of magenta (255, 0, 255) in a texture; programs use it to mark missing textures."""
 LEAST_ALPHA = 0.05
-"""Least opacity of a visible part."""
+"""Minimum opacity of a visible part."""
 
 # --------------------------------------------------------------------------------------------------- uses of the kinds
 ROUND_KINDS = frozenset(kind.name for kind in kinds() if kind.is_tall) | {

@@ -1,4 +1,4 @@
-"""Pictures of one asset for its certificate: visual shape, collision shape, and pose at rest."""
+"""Images of one asset for its certificate: visual shape, collision shape, and pose at rest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GOLDEN = 0.618034
 
 
 def asset_pictures(asset: Asset, *, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three pictures (pixels, pixels, 3) uint8: the visible parts, the collision parts, and the pose at rest.
+    """Return three images (pixels, pixels, 3) uint8: the visible parts, the collision parts, and the pose at rest.
 
     Raises:
         MissingDependencyError: If off-screen OpenGL does not work on this machine.

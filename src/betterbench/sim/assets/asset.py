@@ -119,7 +119,7 @@ class Asset:
         regions: Named regions of the object (opening, ring, handle, top).
         parameters: Parameters drawn by the generator, for the record.
         keeps_upright: Whether objects of the category must not lie on their side in a container, like drinks.
-        traits: Tags that name a material, a place or a use, and not the object.
+        traits: Tags that only describe the object's material, place or use and cannot name the object.
     """
 
     category: str

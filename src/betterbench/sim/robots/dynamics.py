@@ -50,7 +50,7 @@ def backlash_of(spec: RobotSpec, dynamics: Dynamics) -> tuple[tuple[float, ...],
 def with_dynamics(model: mujoco.MjModel, spec: RobotSpec, dynamics: Dynamics, *, prefix: str = "") -> mujoco.MjModel:
     """Return a copy of a model in which the robot has these dynamics, or the model itself without any.
 
-    Derived constants are computed anew; the extent of the scene, from which cameras take their clipping planes, stays.
+    Derived constants are computed again, except the scene's extent, which determines the cameras' clipping planes.
 
     Args:
         model: Model with the robot.

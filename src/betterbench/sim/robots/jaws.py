@@ -17,7 +17,7 @@ class Jaw(Protocol):
 
     @property
     def closing_shift_m(self) -> float:
-        """See the class."""
+        """Motion of the tool before it closes [m], see the class."""
 
     def width_at(self, joints: Sequence[float]) -> float:
         """Return the opening width [m] at the positions of the finger joints [m or rad]."""

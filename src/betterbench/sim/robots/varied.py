@@ -43,7 +43,7 @@ class VariedQuantity:
             raise InvalidInputError(where, problem, f"Give {least:g} ≤ low ≤ high")
 
     def draw(self, generator: np.random.Generator, count: int) -> tuple[float, ...]:
-        """Return values for ``count`` joints: factors with an even logarithm, so that a half is as likely as two."""
+        """Return values for ``count`` joints: factors are log-uniform, so that 0.5 is as likely as 2."""
         shares = generator.uniform(0.0, 1.0, count)
         if self.quantity == BACKLASH:
             values = self.low + shares * (self.high - self.low)

@@ -1,4 +1,4 @@
-"""Pictures of single assets on a plain ground."""
+"""Images of single assets on a plain background."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _FIELD_DEGREES = 45.0
 _DOWN = math.radians(35.0)
 """Downward angle of the camera, as for the front camera of scenes [rad]."""
 _FILLED = 0.72
-"""Diagonal of the asset's box as a fraction of the picture."""
+"""Diagonal of the asset's box as a fraction of the image."""
 _SMALLER = 2
 """Number of pixels averaged along each side, to smooth edges."""
 
 
 def asset_portrait(asset: Asset, *, pixels: int, turned_degrees: float = 0.0) -> np.ndarray:
-    """Return a picture of an asset, (pixels, pixels, 3) uint8.
+    """Return an image of an asset, (pixels, pixels, 3) uint8.
 
     Args:
         asset: Asset to draw.
-        pixels: Side of the picture.
+        pixels: Side of the image.
         turned_degrees: Angle of the camera from the front, about the vertical.
 
     Raises:

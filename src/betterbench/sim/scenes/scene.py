@@ -101,8 +101,8 @@ class Scene:
     ) -> None:
         """Build, compile and reset the scene. A control step is an integer number of physics steps of 2 ms.
 
-        The robot is by default the one that the task is laid out for. With ``steady_views``, cameras and light are in
-        their nominal poses, as for a real camera that nobody moves between trials.
+        By default, the robot is the one for which the task is laid out. With ``steady_views``, cameras and light are in
+        their nominal poses, as for a real camera that is not moved between trials.
         """
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space, self.looks = action_space, looks

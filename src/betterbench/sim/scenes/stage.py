@@ -57,7 +57,7 @@ WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
 
 FRONT_CAMERA = CameraMount((1.45, 0.0, 0.95), (0.49, 0.0, 0.095), (0.0, 0.0, 1.0), 27.5)
-"""Front camera of a stage, unless the robot names its own."""
+"""Front camera of a stage, unless the robot has its own."""
 
 KEY_LIGHT = "key"
 """Name of the light that may cast a shadow."""

@@ -119,7 +119,7 @@ def try_drop(asset: Asset) -> Tryout:
 
 
 def try_lift(asset: Asset, grasp: Grasp) -> Tryout:
-    """Lift an asset from a table by one grasp with the usual robot's gripper, and tell whether it is held."""
+    """Lift an asset from a table by one grasp with the usual robot's gripper, and report whether it is held."""
     rest = rest_pose(asset)
     spec = table_model()
     add_asset(spec, "asset", asset)

@@ -110,7 +110,7 @@ class Instructed:
 
 
 class Named(Protocol):
-    """Scene task."""
+    """Task of a scene."""
 
     @property
     def id(self) -> str:
@@ -118,7 +118,7 @@ class Named(Protocol):
 
 
 class Told(Protocol):
-    """Condition instruction."""
+    """Instruction of a condition."""
 
     @property
     def text(self) -> str:
@@ -126,7 +126,7 @@ class Told(Protocol):
 
 
 class SceneCondition(Protocol):
-    """Scene condition."""
+    """Condition of a scene."""
 
     @property
     def id(self) -> str:

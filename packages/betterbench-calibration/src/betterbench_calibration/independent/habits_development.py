@@ -371,7 +371,9 @@ class PushAlike(Habit):
         if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
             return None
         return StatedTruth(
-            self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home"
+            self.label,
+            first_right=None,
+            debatable="a push may not count as an attempt, and an arm that then stays at home is an early_halt",
         )
 
     def act(self, body: Body) -> Actions[None]:

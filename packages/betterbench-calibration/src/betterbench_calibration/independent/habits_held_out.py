@@ -177,7 +177,9 @@ class AbsolutePut(Habit):
         if first is None or first.relation not in ("beside", "on_plate") or not moved_target(case, first):
             return None
         return StatedTruth(
-            self.label, first_right=True, debatable="a put at the wrong place may look like a bad placement"
+            self.label,
+            first_right=True,
+            debatable="a placement at a wrong place is hard to tell from an inaccurate placement",
         )
 
     def act(self, body: Body) -> Actions[None]:
@@ -443,7 +445,9 @@ class PushRight(Habit):
         if not case.plain:
             return None
         return StatedTruth(
-            self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home"
+            self.label,
+            first_right=None,
+            debatable="a push may not count as an attempt, and an arm that then stays at home is an early_halt",
         )
 
     def act(self, body: Body) -> Actions[None]:
@@ -507,7 +511,9 @@ class PondersAndDawdles(Habit):
     def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain:
             return None
-        return StatedTruth(self.label, first_right=True, debatable="by the letter a pause of 3 s is an early halt")
+        return StatedTruth(
+            self.label, first_right=True, debatable="taken literally, the definition makes a pause of 3 s an early_halt"
+        )
 
     def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()

@@ -358,7 +358,9 @@ class ClosesTooLittle(PlainHabit):
         if not case.plain:
             return None
         return StatedTruth(
-            self.label, first_right=True, debatable="a gripper that closes in part may count as no attempt: timeout"
+            self.label,
+            first_right=True,
+            debatable="a gripper that closes only partly may not count as an attempt, and the label is then timeout",
         )
 
     def act(self, body: Body) -> Actions[None]:
@@ -608,7 +610,11 @@ class SlipsThenHabitual(Habit):
     def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or habitual_thing(case) is None:
             return None
-        return StatedTruth(self.label, first_right=True, debatable="the slip comes first in time: execution_failure")
+        return StatedTruth(
+            self.label,
+            first_right=True,
+            debatable="the object slips before the fault, and the slip alone is an execution_failure",
+        )
 
     def act(self, body: Body) -> Actions[None]:
         if (yield from body.take(str(body.situation.first_thing()))):
@@ -860,7 +866,9 @@ class SnapsAtHome(Habit):
     def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain:
             return None
-        return StatedTruth(self.label, first_right=None, debatable="the gripper closes, if in the air: air grasps")
+        return StatedTruth(
+            self.label, first_right=None, debatable="the gripper closes in the air, which may count as an attempt"
+        )
 
     def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()

@@ -32,7 +32,8 @@ class Draft:
 
     Attributes:
         tags: Search words, without the color word.
-        traits: Tags that name a material, a place or a use, and not the object: "glass" of a jar, "desk" of a mouse.
+        traits: Tags that only describe the object's material, place or use and cannot name the object: "glass" for a
+            jar, "desk" for a mouse.
         parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order; later parts have no mass. Equal if not given.
         material: Name of the surface material, see :mod:`~betterbench.sim.assets.authoring.materials`. It sets
@@ -140,7 +141,7 @@ def grip(
 
 
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
-    """Return the grasp across the diameter of a body that is round at ``height``, with free yaw [m].
+    """Return a top-down grasp at ``height`` across a body with this ``radius`` there [m]; the yaw is free.
 
     By default, the clearance on each side is 12 mm, limited by a jaw opening of 79 mm.
     """

@@ -30,7 +30,7 @@ class Mesh:
     Attributes:
         vertices: (n, 3) float64 positions [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        uv: (n, 2) float64 texture coordinates, origin at the lower left of the picture.
+        uv: (n, 2) float64 texture coordinates, origin at the lower left of the texture.
     """
 
     vertices: np.ndarray

@@ -66,7 +66,7 @@ def generator(
 
     The function takes a random generator, the source of all differences between looks, and a color word; the first
     color is the default. It must draw the same numbers for each color, so that the color never changes the shape. The
-    first ``looks`` numbers are the looks of training and test, the following ``unseen_looks`` are held out. Categories
+    first ``looks`` numbers are the looks for training and test, the following ``unseen_looks`` are held out. Categories
     of one ``family`` draw the same random numbers for a look, so that related objects (a cabinet and its drawers, the
     plates of a set) match. Objects that ``keeps_upright`` marks, such as drinks, are inside a container only if they do
     not lie on their side.
@@ -126,7 +126,7 @@ def categories() -> tuple[str, ...]:
 
 
 def _entry(category: str) -> _Entry:
-    """Look a category up."""
+    """Return the entry of a category."""
     _load_declared()
     if category not in _REGISTER:
         raise UnknownNameError("asset category", category, _REGISTER)

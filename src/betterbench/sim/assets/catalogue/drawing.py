@@ -1,4 +1,4 @@
-"""Pictures of mesh files, drawn from surface points without a simulator or graphics library.
+"""Images of mesh files, drawn from surface points without a simulator or graphics library.
 
 The mesh is loaded with trimesh, which reads additional files through a resolver that stays in the mesh folder.
 """
@@ -24,7 +24,7 @@ _POINTS = 400_000
 _GROUND = np.array([0.80, 0.76, 0.70])
 _GRAY = np.array([0.62, 0.62, 0.64])
 _LIGHT = np.array([0.45, -0.35, 0.82])
-"""Direction to the light, in the frame of the picture: x toward the viewer, z up."""
+"""Direction to the light, in the frame of the image: x toward the viewer, z up."""
 
 
 class _SameFolder(trimesh.resolvers.Resolver):
@@ -54,7 +54,7 @@ class _SameFolder(trimesh.resolvers.Resolver):
 
 
 def mesh_picture(path: Path, *, pixels: int) -> np.ndarray:
-    """Return a picture of a mesh file, (pixels, pixels, 3) uint8.
+    """Return an image of a mesh file, (pixels, pixels, 3) uint8.
 
     Raises:
         InvalidInputError: If the file is too large, damaged or empty, or trimesh cannot read it.
@@ -119,7 +119,7 @@ def _colors(mesh: trimesh.Trimesh, faces: np.ndarray, corners: np.ndarray, share
 
 
 def _drawn(points: np.ndarray, normals: np.ndarray, colors: np.ndarray, pixels: int) -> np.ndarray:
-    """Return the picture of points with normals, seen from above the front, on a plain ground."""
+    """Return an image of points with normals, seen from above the front, on a plain background."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     half = float(np.linalg.norm(np.ptp(points, axis=0))) / 2.0
     if not np.isfinite(half) or half <= 0.0:

@@ -38,7 +38,7 @@ _MEASURES = frozenset(_COUNTED.split())
 """Head nouns that may be measure words: in "a slice of tomato", both nouns are used."""
 _MANY = "appliance container device gadget implement instrument machine tool utensil vessel"
 _CLASSES = frozenset(_MANY.split())
-"""Nouns for many kinds of objects, which do not name one."""
+"""Nouns that are too general to name a kind of object."""
 _LONGEST_PHRASE = 5
 _BEFORE_THE_NOUN = 0.4
 """Weight of a variety or brand before another noun."""
@@ -73,10 +73,10 @@ class Query:
         readings: Sentences for the search by meaning; the first is the query.
         asked: The query and the expander's descriptions, which are compared with the descriptions of kinds.
         head: Part of the query that names the object: "a bowl" in "a bowl for fruit".
-        words: Terms of the query that say something.
+        words: Terms of the query, without ignored words.
         colors: Colors that the query names.
-        beside: Words after those that name the object, such as the other objects of its use.
-        kinds: Names of kinds of which the query names a variety or brand, with a weight in (0, 1].
+        beside: Words after those that name the object, such as other objects with which it is used.
+        kinds: Names of the kinds of a variety or brand in the query, with a weight in (0, 1].
     """
 
     text: str
@@ -183,7 +183,7 @@ def is_use(words: Sequence[str]) -> bool:
 
 
 def _beside(words: Sequence[str], head: int) -> tuple[str, ...]:
-    """Return words beside the object: all of "you serve a steak on it", and "steak" in "a plate for steak"."""
+    """Return words that do not name the object: all of "you serve a steak on it", "steak" in "a plate for steak"."""
     if is_use(words):
         return tuple(words)
     after = next((at for at in range(head + 1, len(words)) if words[at] in AFTER_THE_HEAD - {"of", "like"}), len(words))

@@ -21,13 +21,13 @@ from betterbench.sim.assets.catalogue.vectors import text_digest
 HEAD_SHARE = 0.2
 """Weight of the head of a query in the similarity to a kind; the rest is the weight of the whole query."""
 WORDS_SHARE = 0.2
-"""Weight of the words that a query shares with the texts of a kind, beside the mean cosine."""
+"""Weight of the fraction of the query's words that occur in the texts of a kind; it is added to the mean cosine."""
 VARIETY_SHARE = 0.6
-"""Share by which a variety or brand of the kind moves the similarity towards the largest one."""
+"""Fraction of the distance to the largest similarity by which a variety or brand raises the similarity of its kind."""
 BESIDE_LOSS = 0.05
-"""Loss of a kind that the query names as another object of the use: the steak in "you serve a steak on it"."""
+"""Penalty for a kind that is only another object in the use of the searched one: steak in "you serve a steak on it"."""
 _COUNTED = 2
-"""Number of nearest texts of a kind in the mean cosine, which worked better than the largest cosine."""
+"""Number of nearest texts of a kind whose cosines are averaged; this worked better than the largest cosine."""
 _ENDING, _LONG = re.compile(r"(ing|ed|er|e|y)$"), 4
 _ROWS, _TEXTS = "kinds.npy", "kind_texts.npy"
 
@@ -111,11 +111,11 @@ class KindIndex:
         return found
 
     def _held(self, kinds: Iterable[int]) -> list[int]:
-        """Return those of the kinds that have rows."""
+        """Return the kinds that have rows."""
         return sorted(set(kinds) & set(self._kinds.tolist()))
 
     def _shared(self, words: Sequence[str]) -> np.ndarray:
-        """Return the share of a query's words in the texts of each kind, (kinds,), with more weight on rare words."""
+        """Return the fraction of a query's words in the texts of each kind, (kinds,); rare words weigh more."""
         rarity = {stem: self._rarity[stem] for stem in map(_stem, words) if stem in self._rarity}
         total = max(sum(rarity.values()), 1e-9)
         return np.array([sum(rarity[stem] for stem in rarity if stem in own) / total for own in self._words])

@@ -318,7 +318,7 @@ class Catalogue:
 
 @dataclass(frozen=True, slots=True)
 class _Near:
-    """Similarity of a row to a query: that of its kind, in [-1, 1.2], and the cosine of its own text."""
+    """Similarity of a row to a query: the similarity of its kind, in [-1, 1.2], and the cosine of its text."""
 
     kind: float
     cosine: float

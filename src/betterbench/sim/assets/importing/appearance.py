@@ -19,14 +19,14 @@ FACE_BUDGET = 600
 THIN_FACE_BUDGET = 1_200
 """Maximum number of triangles of a thin-walled asset, which would be dented with only 600."""
 WIRES_FACE_BUDGET = 2_400
-"""Maximum number of triangles of an object of many parts that loses some with 1,200, such as hoops of a basket."""
+"""Maximum number of triangles of an object that loses parts with 1,200, such as the hoops of a basket."""
 DENT_SHARE = 0.006
 """Distance between the reduced and the original surface, as a share of the longest side, above which dents are visible.
-Plate, bowl, mug and sponge of YCB have 0.7 to 1.9 % at 600 triangles and show it; apple, can, banana and fork at most
-0.5 %."""
+YCB's plate, bowl, mug and sponge deviate by 0.7 to 1.9 % at 600 triangles, which is visible; apple, can, banana and
+fork by at most 0.5 %."""
 LOST_SHARE = 0.02
 """Distance of a point of the original surface from the reduced one, as a share of the longest side, above which a part
-is lost: of a basket of wires, one bar."""
+is lost, such as one bar of a wire basket."""
 _BOX_FACES = np.array(
     [
         [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -35,7 +35,7 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 """Triangles of a box with the corners of :func:`_box_of`, facing outward."""
 ATLAS = 512
-"""Side of the painted picture [pixel]."""
+"""Side of the baked texture [pixel]."""
 _PAINT_POINTS = 200_000
 _MOST_POINTS = 300_000
 _MOST_PLAIN_PARTS = 12
@@ -102,7 +102,7 @@ def _painted(mesh: RawMesh) -> VisualPart:
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
     at = np.einsum("kc,kcd->kd", weights, vertices[faces[owners]])
-    # A point takes the color of its own side of a wall: differing normals are penalized by two wall thicknesses.
+    # A point gets the color of its side of a wall: differing normals are penalized by two wall thicknesses.
     apart = _SIDES_APART * float(np.ptp(points, axis=0).max())
     tree = cKDTree(np.hstack([points, apart * normals]))
     _, nearest = tree.query(np.hstack([at, apart * normals_of(vertices, faces)[owners]]), k=3)
@@ -204,7 +204,7 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 
 def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
-    """Return the largest distance between the surface of a box (8, 3) and points inside it; of a wire, its rounding."""
+    """Return the largest distance from the surface of a box (8, 3) to points inside it; for a wire, its rounding."""
     origin = box[0]
     sides = np.stack([box[4] - origin, box[2] - origin, box[1] - origin])
     lengths = np.maximum(np.linalg.norm(sides, axis=1), 1e-300)
@@ -216,7 +216,7 @@ def _depth_below(points: np.ndarray, box: np.ndarray) -> float:
 
 
 def _some(points: np.ndarray) -> np.ndarray:
-    """Return a part of too many points: long thin triangles get far more points than their area needs."""
+    """Return a subset of too many points: long thin triangles get far more points than their area requires."""
     return points[:: 1 + len(points) // _MOST_POINTS]
 
 

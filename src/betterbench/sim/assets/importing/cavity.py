@@ -16,9 +16,10 @@ _LEAST_DEPTH_SHARE = 0.12
 _LEAST_AREA_SHARE = 0.12
 _PITS = 0.05
 _GAP_M, _LEAST_GAPS = 0.012, 12
-"""Width of a gap that objects do not fall through [m], and the number of such gaps in a grid; a leak has fewer."""
+"""Largest width of a gap that objects do not fall through [m], and least number of such gaps in a grid; fewer gaps are
+leaks."""
 _SEAM_CELLS = 2.0
-"""Width of a gap between collision parts that is a seam [cells]: hulls end at points, which are a cell apart."""
+"""Largest gap between collision parts that is a seam [cells]: hulls end at points, which are a cell apart."""
 _STEP_M = 0.0005
 _ALMOST = 0.9
 _LEVEL_M = 0.002
@@ -65,7 +66,7 @@ def cavity_of(solid: Solid, *, of_hulls: bool = False) -> Cavity | None:
 
     Args:
         solid: The object.
-        of_hulls: Whether it consists of convex collision parts, between which seams are no leak.
+        of_hulls: Whether it consists of convex collision parts; seams between them are not leaks.
     """
     tops = tops_of(solid)
     if of_hulls:

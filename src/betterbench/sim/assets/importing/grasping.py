@@ -29,7 +29,7 @@ _FAR = 1000
 """Free squares beyond the outermost part of an object."""
 _ROUND_M = 0.003
 _LEAST_CONTACT_M, _FLAT_M = 0.010, 0.025
-"""Minimum height of the contact of a pad, on objects that are taller than the second number [m]."""
+"""Minimum height of a pad's contact area [m], on objects taller than the second number [m]."""
 _STEEPEST = math.tan(math.radians(35.0))
 """Maximum inward slope of the sides [tangent]; the friction cone of the pads has 50 degrees, and cells are coarse."""
 
@@ -142,7 +142,7 @@ def _at(squares: _Squares, z: np.ndarray, pitch: float, middle: np.ndarray, heig
 def _fitting(blocked: np.ndarray, touched: np.ndarray) -> Iterator[tuple[int, int, int, float]]:
     """Yield the runs of blocked squares that fit between the fingers and are touched, column by column.
 
-    Each is its column, its start, its end and the free space on its narrower side [m]; beyond the grid, all is free.
+    A run is given by its column, start, end and the free space on its narrower side [m]; beyond the grid, all is free.
     """
     rows, columns = blocked.shape
     framed = np.zeros((columns, rows + 2), dtype=bool)

@@ -30,9 +30,9 @@ _THICK_FLOOR = 0.25
 _MOSTLY_FREE = 0.3
 """Fraction of a hollow that a decomposition may fill."""
 _LITTLE_FILLED = 0.1
-"""Fraction of a hollow that bands of floor and wall may fill without another division being tried."""
+"""Fraction of a hollow that bands of floor and wall may fill before another division is tried."""
 _CLOSE_RINGS_M, _OUTLINE = 0.004, 25
-"""Distance from the surface up to which rings are not tried [m], and the number of levels of the outline."""
+"""Deviation from the surface above which rings are tried [m], and the number of levels of the outline."""
 _RECTANGULAR = 0.9
 _MANY = 1_000
 _LEAST_THICK_M = 0.0005
@@ -135,7 +135,7 @@ def hull_corners(points: np.ndarray) -> np.ndarray | None:
 
 
 def with_thickness(points: np.ndarray) -> np.ndarray:
-    """Return points (n, 3) [m] that span at least half a millimeter across their plane; the given points if they do."""
+    """Return points (n, 3) [m], thickened if they span less than half a millimeter across their plane."""
     normal, thickness = _thinnest(points)
     lacking = _LEAST_THICK_M - thickness
     if lacking <= 0.0:
@@ -144,7 +144,7 @@ def with_thickness(points: np.ndarray) -> np.ndarray:
 
 
 def is_flat(points: np.ndarray) -> bool:
-    """Return whether points (n, 3) [m] lie in one plane, to the rounding of the corners of hulls (a micrometer)."""
+    """Return whether points (n, 3) [m] lie in one plane, within the rounding of hull corners (a micrometer)."""
     return _thinnest(points)[1] < 2e-6
 
 

@@ -39,7 +39,7 @@ _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf":
 """Up axis and unit [m] defined by a format (glTF 2.0, section 3.4); the other formats define neither."""
 
 _VERTEX_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n#]*[ \t])?0(?:[/ \t\r\n]|\Z)", re.MULTILINE)
-"""Line of an OBJ file with a triangle of vertex 0, which trimesh takes for the last vertex."""
+"""Line of an OBJ file with a triangle at vertex 0, which trimesh would read as the last vertex."""
 _CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(

@@ -87,7 +87,7 @@ def _lettuce(rng: np.random.Generator, radius: float, z: float) -> Mesh:
 
 
 def _top_bun(radius: float, low: float, high: float) -> Mesh:
-    """Return the domed half of the bun, mapped to its picture from above."""
+    """Return the domed half of the bun, with its texture mapped from above."""
     rise = high - low
     radii = [share * radius for share in (0.0, 0.955, 1.0, 0.92, 0.66, 0.32, 0.0)]
     z = [low + level * rise for level in (0.0, 0.0, 0.27, 0.60, 0.875, 0.98)]

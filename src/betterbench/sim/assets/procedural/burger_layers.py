@@ -40,7 +40,7 @@ def _square_grasps(length: float, width: float) -> tuple[Grasp, ...]:
 def _outline(half_x: float, half_y: float, n: int, *, roundness: float) -> np.ndarray:
     """Return (n, 2) points of a rounded rectangle about the origin [m], at equal angles.
 
-    A ``roundness`` of 2 is an ellipse, more is more rectangular.
+    A ``roundness`` of 2 gives an ellipse; larger values are more rectangular.
     """
     angle = 2.0 * math.pi * np.arange(n) / n
     c, s = np.cos(angle), np.sin(angle)
@@ -71,7 +71,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     z = (0.0, 0.0, 0.20 * height, belly * height, 0.84 * height, height - 0.0012, height, height)
     bun = Turned(radii, z, 26, crease_degrees=55.0, wrap=False)
     mesh = bun.mesh().seen_from_above(radius)
-    # The side shows the rim of the picture, its upper edge nearest to the cut face in the middle.
+    # The side shows the rim of the texture; the upper edge of the side is nearest to the cut face in the middle.
     level = mesh.vertices[:, 2:] / height
     turned = mesh.uv - 0.5
     outward = turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
@@ -205,7 +205,7 @@ def sponge(rng: np.random.Generator, _color: str) -> Draft:
     outline = _outline(0.5 * length, 0.5 * width, 36, roundness=roundness)
     outline[:, 1] *= 1.0 - waist * np.clip(1.0 - (outline[:, 0] / (0.36 * length)) ** 2, 0.0, 1.0)
     upper = _slab(outline, scour, height, bevel=0.0015).seen_from_above(0.70 * length)
-    # The sides show the strip of the picture beyond the edge of the top.
+    # Texture coordinates of the sides: the strip of the texture just outside the top face.
     down = np.clip((height - 0.0016 - upper.vertices[:, 2]) / 0.70 / length, 0.0, 1.0)[:, None]
     away = upper.uv - 0.5
     stretch = 1.0 + down / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)

@@ -11,7 +11,7 @@ _TRAY, _RING = 0.0115, 0.0425  # height of the tray, radius of the ring on it [m
 
 @generator("coffee_machine", colors=("black", "silver", "cream", "red", "blue"))
 def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
-    """Make a C-shaped coffee machine of 3.5 kg; its front faces +x. It is a fixture and cannot be grasped.
+    """Make a C-shaped coffee machine of 3.5 kg whose front faces +x. It is a fixture and cannot be grasped.
 
     A mug comes down with its handle toward +x: the nozzle is 19 mm behind the ring's center, 126 mm above the tray.
     """

@@ -121,7 +121,7 @@ class _Style:
         return 0.5 * (_REAR + self.inside_x + _PANEL)
 
     def surface(self, width: float, height: float, pixels: tuple[int, int], shade: Rgb) -> Canvas:
-        """Return a picture of a board in this style, with its grain along the width."""
+        """Return the texture of a board in this style, with its grain along the width."""
         rng, wood = np.random.default_rng(self.grain_seed), shade[0] > 1.25 * shade[2]
         canvas = Canvas(width, height, pixels, shade)
         canvas.grain(rng, cells=(4, 26), amount=0.075 if wood else 0.008)
@@ -287,7 +287,7 @@ def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[Collis
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
-    """Return the panel with the picture on its front; its back and edges show the plain center of the board."""
+    """Return the panel with the texture on its front; its back and edges show the plain center of the board."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has separate vertices for each face, so the normals identify the faces.
     normals = face_normals(mesh.vertices, mesh.faces)

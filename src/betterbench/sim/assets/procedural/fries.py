@@ -9,7 +9,7 @@ from betterbench.sim.assets.authoring import Draft, generator, grip, merge, part
 from betterbench.sim.assets.authoring.mesh import Mesh, creased, loft, prism
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-# Fraction of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
+# Fraction of the texture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
 
 
@@ -71,7 +71,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     inner = outline * np.array([0.93, 0.97])
     filling = np.minimum(rim - 0.004, height - 0.014)
     rings = [ring(low, 0.0), ring(outline, rim), ring(inner, rim - 0.0002), ring(inner * 0.97, filling)]
-    # The picture runs from the center of the front (0) over the narrow side to the center of the back (1).
+    # The texture runs from the center of the front (0) over the narrow side to the center of the back (1).
     u = np.concatenate([0.42 * np.abs(y), 1.0 - 0.42 * np.abs(y)])
     return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
 

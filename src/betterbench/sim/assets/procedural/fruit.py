@@ -179,7 +179,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
     canvas.paint(np.clip((canvas.y - canvas.height + 0.016) / 0.014, 0.0, 1.0), green, strength=0.75)
     canvas.paint(np.clip((0.012 - canvas.y) / 0.010, 0.0, 1.0), green, strength=0.6)
     canvas.paint(canvas.y < 0.0042, (0.40, 0.34, 0.14))
-    # Turned so that the seams of the mirrored picture lie at the sides and the axis along +x.
+    # Turned so that the seams of the mirrored texture lie at the sides and the axis along +x.
     mesh = creased(solid.facing_front(0.0, radius), 80.0)
     lying = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
     return Draft(

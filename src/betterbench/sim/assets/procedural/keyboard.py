@@ -96,7 +96,7 @@ def draw_keys(
     accent: Rgb | None = None,
     edges: Rgb | None = None,
 ) -> None:
-    """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
+    """Draw six rows of keys into a field of a texture, as the user sees them: the space bar in the lowest row.
 
     The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and enter keys;
     ``edges`` is the color of the wide keys at the edge and of the far row, if it differs.

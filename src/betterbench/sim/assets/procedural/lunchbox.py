@@ -94,7 +94,7 @@ def _shell(shade: Rgb, lining: Rgb) -> Canvas:
 
 
 def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
-    """Return the closed lid from its hinge at the origin along +x, mapped to a picture of its inner side."""
+    """Return the closed lid from its hinge at the origin along +x, with a texture on its inner side."""
     steps = [(0.007, depth - 0.004), (0.006, 0.0), (0.0, 0.0), (0.0, depth - 0.004), (0.004, depth)]
     closed = prism(_shell_of(0.5 * length, half_y, corner, steps), crease_degrees=40.0).moved(x=0.5 * length)
     # Seen from below (which is the front when it is open) with the hinge at the bottom.

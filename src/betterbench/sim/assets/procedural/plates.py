@@ -166,7 +166,7 @@ class _Glaze:
         self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)
 
     def from_above(self, reach: float, well: float, lip: float) -> Canvas:
-        """Draw a plate as seen from above; ``reach`` is the radius at the edge of the picture [m]."""
+        """Draw a plate as seen from above; ``reach`` is the radius at the edge of the texture [m]."""
         canvas = Canvas(2.0, 2.0, (160, 160), self.color)
         r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)
         inner, edge, ink = well / reach, lip / reach, self._ink

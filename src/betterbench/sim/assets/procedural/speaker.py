@@ -80,7 +80,7 @@ def _driver(
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)
     z_profile = (-0.0006, -0.0006, *levels, 0.40 * _PROUD, 0.62 * _PROUD)
     solid = Turned([share * radius for share in shares], z_profile, sides, 30.0, wrap=False)
-    # The picture has the rows of a 25 mm driver.
+    # The texture has the rows of a 25 mm driver.
     rows = Turned([share * 0.025 for share in shares], z_profile).rows
     _, _, _, surround, inner, cap, dust, _ = (row / rows[-1] for row in rows)
     canvas = Canvas(1.0, 1.0, (8, 128), rim)

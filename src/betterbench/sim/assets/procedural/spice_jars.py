@@ -231,7 +231,7 @@ def _bottle(
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """Label colors: letters and lines, and the picture of a pepper pod."""
+    """Label colors: letters and lines, and the drawing of a pepper pod."""
 
     ink: Rgb
     pod: Rgb

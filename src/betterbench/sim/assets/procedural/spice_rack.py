@@ -98,7 +98,7 @@ def _corner(center: float, angle: float) -> CollisionPart:
 
 
 def _outside(plan: tuple[float, float, float]) -> Mesh:
-    """Return the sides and the bottom of the block up to its chamfer; each long side shows the complete picture."""
+    """Return the sides and the bottom of the block up to its chamfer; each long side shows the complete texture."""
     half_x, half_y, edge = plan
     insets = ((0.0, 0.0), (0.0, _HEIGHT - edge), (edge, _HEIGHT))
     rings = [rectangle(half_x - e, half_y - e, z) for e, z in insets]
@@ -136,7 +136,7 @@ def _cell(index: int, plan: tuple[float, float, float]) -> Mesh:
 
 
 def _marks(plan: tuple[float, float, float]) -> Mesh:
-    """Return the six number plates, two per hole, each showing its third of the picture."""
+    """Return the six number plates, two per hole, each showing its third of the texture."""
     half_x, _, edge = plan
     plates = []
     for index in range(3):

@@ -8,7 +8,7 @@ from betterbench.sim.assets.authoring.paint import Canvas, Rgb, jittered, mixed,
 
 _WALL = 0.005
 _FLOOR = 0.005
-# Share of the picture's height that shows the outside; the rest is the inside and the floor.
+# Fraction of the texture's height that shows the outside; the rest is the inside and the floor.
 _OUTSIDE = 0.58
 
 
@@ -49,7 +49,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
-    """Return the mesh, and the share of the picture's width at which the front ends."""
+    """Return the mesh, and the fraction of the texture's width at which the front ends."""
     long, short = 16, 10  # segments along y and along x; even, so that each side has a midpoint
     corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
     plan = []
@@ -100,7 +100,7 @@ def _print(
     front: float,
 ) -> Canvas:
     """Draw half of the box, from the center of the front to the center of the back."""
-    scale = height / _OUTSIDE  # meters per full height of the picture
+    scale = height / _OUTSIDE  # meters per full height of the texture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
     x, y = canvas.x, canvas.y
     outside = y < height

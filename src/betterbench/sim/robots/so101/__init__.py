@@ -296,8 +296,8 @@ SO101 = RobotSpec(
         (1.0, 0.0, 0.0, 0.0, 2.5),
         (-1.0, 0.0, 0.0, 0.0, 2.5),
     ),
-    # TheRobotStudio's camera mount for a 32 x 32 mm module. The lens of MuJoCo Menagerie (48.5 degrees) shows only the
-    # fixed jaw; with the usual wide one, both jaws are in the image.
+    # TheRobotStudio's camera mount for a 32 x 32 mm module. With the field of view of MuJoCo Menagerie (48.5 degrees),
+    # only the fixed jaw is in the image; with the usual wide lens, both jaws are.
     wrist_camera=CameraMount((0.0, 0.055, -0.045), (0.0, 0.01722, -0.10393), (0.0, 1.0, 0.0), 70.0),
     # Like a camera on a stand in front of the arm, as in LeRobot's kits.
     front_camera=CameraMount((0.72, 0.0, 0.46), (0.17, 0.0, 0.045), (0.0, 0.0, 1.0), 52.0),
@@ -312,7 +312,7 @@ SO101 = RobotSpec(
     # The tool tilts by up to 40 degrees at the edge of this sphere around the first axis at the height of the second.
     steering=SteeringLimits(center=(0.0388, 0.0, 0.119), back_m=0.0, longest_m=0.32, nearest_m=0.11, highest_m=0.24),
     # The first three numbers are borrowed from another robot, so their ranges are wide. The gains come from a model of
-    # the motor, and firmware and supply voltage change them. Each servo has values of its own.
+    # the motor, and firmware and supply voltage change them. Each servo has its own values.
     dynamics=(
         VariedQuantity("joint_damping", 0.5, 2.0, "borrowed from Open Duck Mini; a choice"),
         VariedQuantity("joint_friction", 0.5, 2.0, "borrowed from Open Duck Mini; a choice"),

@@ -1,12 +1,12 @@
-"""Sensor noise of LIBERO-Plus: five kinds in ten strengths, applied to the front camera image.
+"""Sensor noise of LIBERO-Plus: five kinds at ten strengths, applied to the front camera image.
 
-The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit by bit
+The kinds are those of ImageNet-C (Hendrycks and Dietterich 2019) with LIBERO-Plus's strengths, reproduced bit for bit
 (tests/sim/worlds/test_libero_plus.py). LIBERO-Plus draws from NumPy's global generator at every step, so
 :meth:`Noise.draw` is also called for unused images. This module is imported in LIBERO's environment, with NumPy and
 SciPy only.
 
 Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``; for the motion blur, ImageMagick 6 ``MotionBlurImage``
-(sixteen bits a channel), which LIBERO-Plus calls; for the Gaussian filter, scikit-image ``filters.gaussian``.
+(16 bits per channel), which LIBERO-Plus calls; for the Gaussian filter, scikit-image ``filters.gaussian``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _GLASS = (
 
 
 class Noise:
-    """The noise of one number (1 to 50): motion, Gaussian and zoom blur, fog, glass blur, in ten strengths each."""
+    """Noise by its number (1 to 50): motion, Gaussian and zoom blur, fog and glass blur, at ten strengths each."""
 
     def __init__(self, number: int) -> None:
         """Prepare."""
