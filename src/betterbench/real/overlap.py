@@ -203,7 +203,7 @@ def _correlations(template: np.ndarray, live: np.ndarray, points: np.ndarray, sh
     centered = template - template.mean(axis=0)
     dots = np.einsum("nc,mnc->mc", centered, seen)
     squares = np.einsum("mnc,mnc->mc", seen, seen)
-    # The best factor of a channel is dot / square; with it, its part of the correlation is dot squared / square.
+    # The least-squares gain of a channel is dot / square; with this gain, the channel adds dot**2 / square.
     parts = np.where((squares > 1e-3) & (dots > 0.0), dots * dots / np.maximum(squares, 1e-3), 0.0)
     return np.asarray(np.sqrt(parts.sum(axis=1) / max(float((centered * centered).sum()), 1e-3)))
 

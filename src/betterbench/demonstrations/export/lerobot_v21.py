@@ -81,7 +81,7 @@ def episode_line(dataset: Dataset, number: int) -> dict[str, Any]:
 
 
 def stats_line(number: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return an episode's line in ``meta/episodes_stats.jsonl``, from its statistics with all quantiles."""
+    """Return an episode's line in ``meta/episodes_stats.jsonl``; the quantiles of its statistics are left out."""
     return {"episode_index": number, "stats": without_quantiles(stats)}
 
 

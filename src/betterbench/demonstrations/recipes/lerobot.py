@@ -105,7 +105,7 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     hub = not data.preset and data.place == LIBERO_DATA
     chunk, default = known["chunk"]
     executed, steps = known["executed"]
-    # A policy with a horizon uses two steps; the first one is in the past.
+    # A policy with a horizon (diffusion) observes two steps, so the first action of its horizon is in the past.
     longest = (form.chunk or default) - (chunk == "horizon")
     if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
         problem = f"diffusion halves its horizon three times, but {form.chunk} is not a multiple of {_DOWNSAMPLED}"

@@ -114,7 +114,7 @@ def _variation_form(one: Imported, name: str) -> dict[str, Any]:
 
 
 def counts_of(findings: Sequence[Finding]) -> tuple[int, int]:
-    """Return the number of faults and of remarks."""
+    """Return the numbers of faults and of remarks in the findings."""
     faults = sum(f.level == "fault" for f in findings)
     return faults, len(findings) - faults
 

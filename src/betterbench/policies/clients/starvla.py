@@ -113,7 +113,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         return data
 
     def _samples(self, data: Mapping[Any, Any], count: int) -> list[dict[str, Any]]:
-        """Return the answer to each example, by key."""
+        """Return one dict per example, with the arrays of the batched answer."""
         names = dict.fromkeys(key[0] for key in self.adapter.answer.columns)
         if "normalized_actions" in data and not all(name in data for name in names):
             raise PolicyError(

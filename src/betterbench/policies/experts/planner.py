@@ -244,7 +244,7 @@ class Planner:
                 reasons.append(blocked)
                 continue
             return PlacePlan(way, release, release.translated(z=self._robot.workspace.retreat_m), opened)
-        raise PlanningError(f"no free placement of {name}: {', '.join(sorted(set(reasons))) or 'no goal given'}")
+        raise PlanningError(f"no free placement for {name}: {', '.join(sorted(set(reasons))) or 'no goal given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
         """Return a free path to a pose with an empty, open gripper, or None."""

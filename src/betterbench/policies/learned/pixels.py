@@ -88,7 +88,7 @@ class PixelsNetwork(TokenNetwork):
         return points.view(batch, views, -1) + self.eyes.view.weight, told.new_ones(batch, views)
 
     def _light(self, shown: PicturesBatch) -> Tensor:
-        """Return images as numbers around 0, with changed contrast and brightness per sample."""
+        """Return images as zero-centered floats, with random contrast and brightness per sample."""
         values = shown.pictures.to(torch.float32).mul_(1.0 / 64.0).sub_(2.0)
         if shown.light is not None:
             contrast, brightness = shown.light[:, :, None, None, None, None].unbind(dim=1)

@@ -14,7 +14,7 @@ _ABILITIES = {
     FLOOR[0]: "aims at any object",
     FLOOR[1]: "moves to the correct position",
     "zoo:lexical": "finds the named object outside its training slot",
-    "zoo:layout": "chooses its first target by other cues than position",
+    "zoo:layout": "chooses its first target by cues other than position",
     "zoo:color": "distinguishes the requested object from objects of the same color",
     "zoo:shape": "distinguishes the requested object from objects of the same shape",
 }

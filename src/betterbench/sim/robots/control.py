@@ -428,7 +428,7 @@ def _bounded(
         pose = Pose(position, quaternion)
     w, x, y, z = quaternion
     cw, cx, cy, cz = center.quaternion
-    # The product of two unit quaternions is the cosine of half the angle between them.
+    # The dot product of two unit quaternions is, up to its sign, the cosine of half the angle between them.
     if abs(w * cw + x * cx + y * cy + z * cz) < (
         _COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)
     ):

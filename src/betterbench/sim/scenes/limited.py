@@ -280,7 +280,9 @@ class LimitedView:
         except ProcessEndedError as problem:
             raise _EndedError(str(self._refused(str(problem)))) from None
         except ProcessLateError as problem:
-            raise self._refused(str(problem), "The machine is too busy, or its file") from None
+            raise self._refused(
+                str(problem), "The machine is too busy, or the scene's file is damaged or forged"
+            ) from None
         except LimitedProcessError as problem:
             raise self._refused(str(problem)) from None
 
@@ -301,10 +303,10 @@ class LimitedView:
             views, modalities, gripper = self._prepared[0]
             self._prepare(views, modalities, gripper=gripper)
 
-    def _refused(self, what: str, whose: str = "Its file") -> RecordError:
+    def _refused(self, what: str, cause: str = "The scene's file is damaged or forged") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave out films."
+            f"stored scene: {what}. {cause}; run the trial again to store the scene, or leave out films."
         )
 
 

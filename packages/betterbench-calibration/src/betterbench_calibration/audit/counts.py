@@ -60,7 +60,7 @@ def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
 
 
 def all_with_dropped(printed: Decimal, n: int) -> tuple[CountBehind, ...]:
-    """Return all counts with up to :data:`MOST_DROPPED` missing trials that explain a percentage."""
+    """Return all counts that round to a reported percentage, with up to :data:`MOST_DROPPED` missing trials."""
     tried = (count_behind(printed, n - dropped) for dropped in range(1, min(MOST_DROPPED, n - 1) + 1))
     return tuple(count for count in tried if count is not None)
 

@@ -27,7 +27,7 @@ _RULES: dict[Inside, Within] = {"items": "items", "equal": "equal", "magic-soup-
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedSet:
-    """Table row: frames of actions, or samples of text; ``of`` names the rows whose sum the row gives."""
+    """Row of the paper's mixture table, in action frames or text samples; ``of`` lists the rows that a total sums."""
 
     name: str
     items: int

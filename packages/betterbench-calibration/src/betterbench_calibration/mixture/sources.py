@@ -100,7 +100,7 @@ class LeRobotSource:
 
 @dataclass(frozen=True, slots=True)
 class QuestionSource:
-    """The lines of a question file; ``places`` are their first byte and length."""
+    """The lines of a question file; ``places`` holds the byte offset and length of each line."""
 
     path: Path
     places: tuple[tuple[int, int], ...]

@@ -90,7 +90,7 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corner(center: float, angle: float) -> CollisionPart:
-    """Return the box in a direction [rad] that cuts the corner of a square hole at y = ``center`` into an octagon."""
+    """Return the box at an angle [rad] that bevels a corner of the square hole at y = ``center`` to an octagon."""
     depth = 0.0049  # half of it; reaches the square's corner, 0.41 apothems behind the side
     away, half = _APOTHEM + depth, (depth, _APOTHEM * math.tan(math.pi / 8.0), 0.5 * _DEPTH)
     middle = (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH)

@@ -274,7 +274,7 @@ PANDA = RobotSpec(
     jaw=ParallelJaw(0.08),
     action_spaces=tuple(ACTION_SPACES),
     ik=IKWeights(
-        # The length of the gripper [m], so that errors of position and rotation are equal at the wrist.
+        # The length of the gripper [m], so that position and rotation errors have the same effect at the wrist.
         orientation=0.3,
         # Displaces the tool by about its square, 1 micrometer per rad.
         posture=1e-3,
