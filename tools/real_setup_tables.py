@@ -1,4 +1,4 @@
-"""Write the numbers of the page for builders of the real scene: sizes, places and cameras, as the twin has them.
+"""Write the numbers of the page for builders of the real scene, as the twin has them, and its marker sheets.
 
 Example:
     python tools/real_setup_tables.py
@@ -14,7 +14,9 @@ import numpy as np
 
 from betterbench.quoting import markdown_table
 from betterbench.real.sheet.camera_pose import mounted, twin_camera
+from betterbench.real.sheet.drawing import pdf
 from betterbench.real.sheet.layout import BASE_MM
+from betterbench.real.sheet.pages import sheet_pages
 from betterbench.sim.assets import build_unpainted, looks
 from betterbench.sim.robots.so101 import SO101
 from betterbench.sim.scenes.rooms import CLOTHS
@@ -43,10 +45,17 @@ def filled(page: str) -> str:
     return page
 
 
+def sheets() -> dict[str, bytes]:
+    """Return the marker sheets that are linked by the page, as PDF by file name."""
+    return {f"pictures/real-sheet-{paper}.pdf": pdf(sheet_pages(paper)) for paper in ("a4", "letter")}
+
+
 def write(out: Path) -> None:
-    """Write the tables into the page of a documentation folder."""
+    """Write the tables into the page of a documentation folder, and the sheets next to its pictures."""
     path = out / PAGE.name
     path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
+    for name, data in sheets().items():
+        (out / name).write_bytes(data)
 
 
 def _table(titles: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

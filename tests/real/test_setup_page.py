@@ -16,6 +16,12 @@ def test_the_tables_are_those_of_the_twin():
     assert tables.filled(PAGE) == PAGE
 
 
+def test_the_sheets_are_those_of_better_real_sheet():
+    for name, data in tables.sheets().items():
+        assert (ROOT / "docs" / name).read_bytes() == data, name
+        assert f"({name})" in PAGE
+
+
 def test_numbers_in_the_text_are_those_of_the_twin():
     words = " ".join(PAGE.split())
     assert f"The foot extends {tables.foot()}" in words
