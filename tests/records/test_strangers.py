@@ -96,8 +96,7 @@ def test_what_is_no_file_ends_within_a_second(name, tmp_path):
 
 def bound(path):
     """Makes a socket, which nobody listens at."""
-    with socket.socket(socket.AF_UNIX) as made:
-        os.chdir(path.parent)  # its name must be short
+    with socket.socket(socket.AF_UNIX) as made, contextlib.chdir(path.parent):  # its name must be short
         made.bind(path.name)
 
 
