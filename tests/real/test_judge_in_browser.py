@@ -133,6 +133,10 @@ def test_a_judge_works_through_the_films_by_keys(open_program, folder):
         time.sleep(1.0)
         Path(pictures, "judge.png").write_bytes(page.screenshot())
     page.wait_until("document.querySelector('video').currentTime > 1.5")
+    page.value("document.querySelector('video').pause(), document.querySelector('video').currentTime = 0.5")
+    page.wait_until("!document.querySelector('video').seeking")
+    assert abs(page.value("document.querySelector('video').currentTime") - 0.5) < 0.1
+    page.value("document.querySelector('video').play(), 0")
     program.press("Space", " ")
     page.wait_until("document.querySelector('video').currentTime < 1.0")
     assert page.value("document.documentElement.scrollWidth") <= 1280

@@ -60,6 +60,29 @@ def test_the_server_answers_behind_its_token_alone(server):
     assert ask(other, "do", body=b"{}")[0] == 403
 
 
+@pytest.mark.parametrize(
+    ("asked", "status", "part", "where"),
+    [
+        ("bytes=1-3", 206, b"ell", "bytes 1-3/5"),
+        ("bytes=0-", 206, b"hello", "bytes 0-4/5"),
+        ("bytes=3-99", 206, b"lo", "bytes 3-4/5"),
+        ("bytes=-2", 206, b"lo", "bytes 3-4/5"),
+        ("bytes=-99", 206, b"hello", "bytes 0-4/5"),
+        ("bytes=5-", 416, b"", "bytes */5"),
+        ("bytes=-0", 416, b"", "bytes */5"),
+        ("bytes=3-1", 200, b"hello", None),
+        ("bytes=-", 200, b"hello", None),
+        ("bytes=0-1,3-4", 200, b"hello", None),
+        ("lines=0-1", 200, b"hello", None),
+    ],
+)
+def test_a_part_of_an_answer_can_be_requested(server, asked, status, part, where):
+    """Chromium seeks in a film only if the server answers ranges."""
+    found, data, headers = ask(server.url, Range=asked)
+    assert (found, data, headers["Content-Range"]) == (status, part, where)
+    assert headers["Content-Length"] == str(len(part))
+
+
 def test_requests_of_other_sites_are_refused(server):
     assert ask(server.url, Host="evil.example")[0] == 403
     assert ask(server.url, "do", body=b"{}", Origin="http://evil.example")[0] == 403

@@ -27,6 +27,8 @@ MOST_BYTES = 1 << 16
 """Largest request [byte]."""
 TIMEOUT_S = 10.0
 """Longest time that a connection may be idle [s]."""
+_RANGE = re.compile("bytes=([0-9]{0,15})-([0-9]{0,15})")
+"""A request for one range (RFC 9110, section 14); any other one is answered with the whole content."""
 
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
@@ -127,7 +129,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if answer is None:
             self._send(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"not found\n")
         else:
-            self._send(HTTPStatus.OK, *answer)
+            self._send_part(*answer)
 
     def do_POST(self) -> None:
         """Execute a command."""
@@ -161,10 +163,27 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._send(HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", text.encode())
         return None
 
-    def _send(self, status: HTTPStatus, kind: str, data: bytes) -> None:
+    def _send_part(self, kind: str, data: bytes) -> None:
+        """Send the requested range of an answer, or all of it; browsers cannot seek in a film without ranges."""
+        found = _RANGE.fullmatch(self.headers.get("Range", ""))
+        first, last = ("", "") if found is None else found.groups()
+        if not (first or last) or (first and last and int(last) < int(first)):
+            self._send(HTTPStatus.OK, kind, data, {"Accept-Ranges": "bytes"})
+            return
+        size = len(data)
+        begin = int(first) if first else max(0, size - int(last))
+        end = min(size, int(last) + 1) if first and last else size
+        if begin >= end:
+            told = {"Content-Range": f"bytes */{size}"}
+            self._send(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE, "text/plain; charset=utf-8", b"", told)
+            return
+        told = {"Accept-Ranges": "bytes", "Content-Range": f"bytes {begin}-{end - 1}/{size}"}
+        self._send(HTTPStatus.PARTIAL_CONTENT, kind, data[begin:end], told)
+
+    def _send(self, status: HTTPStatus, kind: str, data: bytes, headers: Mapping[str, str] | None = None) -> None:
         try:
             self.send_response(status)
-            for name, value in _HEADERS.items():
+            for name, value in {**_HEADERS, **(headers or {})}.items():
                 self.send_header(name, value)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(data)))
