@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError, MissingDependencyError
-from betterbench.real.record import MOTORS
+from betterbench.interface.actions import SO101_MOTORS as MOTORS
 from betterbench.real.robots.lerobot_arm import LeRobotArm
 from betterbench.real.robots.robot import RobotError
 

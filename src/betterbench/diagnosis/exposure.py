@@ -92,10 +92,16 @@ class Exposure:
 
         False if the condition is ambiguous: no behavior is a failure there.
         """
-        here = {o.kind for o in self.test.objects}
-        return self.test.expected is not Expected.AMBIGUOUS and any(
-            here.isdisjoint(known.object(n).kind for n in known.resolve(goal.reference))
-            for known in self.task.training
-            if known.instruction.text == self.test.instruction.text
-            for goal in known.instruction.subgoals[1:]
-        )
+        return self.test.expected is not Expected.AMBIGUOUS and max(absent_steps(self.task, self.test), default=0) > 0
+
+
+def absent_steps(task: Task, condition: Condition) -> set[int]:
+    """Return the indices of training steps, with the same instruction, whose object is not in the scene at all."""
+    here = {o.kind for o in condition.objects}
+    return {
+        number
+        for known in task.training
+        if known.instruction.text == condition.instruction.text
+        for number, goal in enumerate(known.instruction.subgoals)
+        if here.isdisjoint(known.object(n).kind for n in known.resolve(goal.reference))
+    }

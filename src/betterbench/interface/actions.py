@@ -247,7 +247,8 @@ ACTION_SPACES: dict[str, ActionSpace] = {
 }
 """The action spaces of betterbench's own scenes."""
 
-_SO101_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+SO101_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+"""Motors of the SO-101 as LeRobot names them, in the order of its states and actions; the gripper is last."""
 _SO101_RANGES = (1.91986, 1.74533, 1.69, 1.65806, math.pi)
 """Largest angle of each arm joint from the middle of its calibrated range [rad]: TheRobotStudio's model with the new
 calibration. LeRobot calibrates ``wrist_roll`` as a full turn."""
@@ -262,7 +263,7 @@ def _so101(name: str, units: tuple[float, ...], bounds: tuple[float, ...], meani
     """Return an action space of the SO-101 with arm components in these units [rad]."""
     return ActionSpace(
         name=name,
-        components=tuple(f"{motor}.pos" for motor in _SO101_MOTORS),
+        components=tuple(f"{motor}.pos" for motor in SO101_MOTORS),
         units=("rad",) * 5 + ("1",),
         low=(*(-bound for bound in bounds), 0.0),
         high=(*bounds, 100.0),

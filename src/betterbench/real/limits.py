@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.interface.actions import ActionSpace
+from betterbench.interface.actions import SO101_MOTORS, ActionSpace
 from betterbench.json_form import strict_form
-from betterbench.real.record import MOTORS
 from betterbench.sim.robots import ArmIK, robot
 from betterbench.sim.robots.ik import LIMIT_MARGIN_RAD
 
@@ -215,15 +214,16 @@ class Limiter:
         self._stalled_s = np.where(lagging, self._stalled_s + self._period_s, 0.0)
         if (self._over_s > self.limits.load_s).any():
             joint = int(np.argmax(self._over_s))
-            text = f"{MOTORS[joint]} carried {abs(load[joint]):.0%} of its maximum load for {self._over_s[joint]:.1f} s"
+            lasted = self._over_s[joint]
+            text = f"{SO101_MOTORS[joint]} carried {abs(load[joint]):.0%} of its maximum load for {lasted:.1f} s"
             raise LimitError(f"{text}; the limit is {self.limits.load:.0%}. Free the arm, and let it cool down.")
         if (self._stalled_s > self.limits.stall_s).any():
             joint = int(np.argmax(self._stalled_s))
             lag, lasted = abs(self._last[joint] - state[joint]), self._stalled_s[joint]
-            text = f"{MOTORS[joint]} does not follow: it is {lag:.0f} behind its command for {lasted:.1f} s"
+            text = f"{SO101_MOTORS[joint]} does not follow: it is {lag:.0f} behind its command for {lasted:.1f} s"
             raise LimitError(f"{text}. Check that nothing blocks it, its cable and its power.")
 
 
 def _named(mask: np.ndarray) -> str:
     """Return the names of some motors."""
-    return ", ".join(name for name, marked in zip(MOTORS, mask, strict=True) if marked)
+    return ", ".join(name for name, marked in zip(SO101_MOTORS, mask, strict=True) if marked)

@@ -48,8 +48,6 @@ from betterbench.records.arrays import array_bytes, read_arrays
 JOURNAL_NAME, ENTRIES_NAME = "journal.jsonl", "entries.jsonl"
 HEADER_NAME, SAMPLES_NAME = "trial.json", "samples.parquet"
 TRIAL_VERSION: Literal[1] = 1
-MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-"""Motors in the order of the columns."""
 
 SAMPLE_COLUMNS = {
     "time_s": ("number", 0),

@@ -38,15 +38,16 @@ from betterbench.diagnosis.thresholds import (
     TREMBLE_TIME,
 )
 from betterbench.errors import InvalidInputError
+from betterbench.interface.actions import SO101_MOTORS
 from betterbench.real.plan import ACTION_SPACES, Unit
-from betterbench.real.record import MOTORS, Samples
+from betterbench.real.record import Samples
 from betterbench.sim.robots.ik import ArmIK
 from betterbench.sim.robots.spec import robot
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.judging.motion import Bools, Floats
 
 ROBOT = "so101"
-JAW = MOTORS.index("gripper")
+JAW = SO101_MOTORS.index("gripper")
 
 
 class Grip(StrEnum):

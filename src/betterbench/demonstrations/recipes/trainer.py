@@ -15,6 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from betterbench.demonstrations.export.card import STILL
 from betterbench.demonstrations.recipes.recipe import Recipe, Setting
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, require_between
+from betterbench.interface.actions import CONTROL_RATE_HZ, SO101_DEGREES
 from betterbench.json_form import open_form, open_seal, read_bounded, read_form
 from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.tasks import get_task
@@ -24,13 +25,11 @@ _CURE = "Name a folder written by better export, or one that does not exist yet"
 _RECORD_AGAIN = "Name a data set that lerobot-record wrote with so101_follower and the cameras front and wrist"
 _MAX_META_BYTES = 1 << 28
 REAL_CAMERAS = ("front", "wrist")
-SO101_COLUMNS = (
-    *("shoulder_pan.pos", "shoulder_lift.pos", "elbow_flex.pos", "wrist_flex.pos", "wrist_roll.pos", "gripper.pos"),
-)
+SO101_COLUMNS = SO101_DEGREES.components
 """Components of state and action, as LeRobot's so101_follower names them."""
 REAL_PRESET = "lerobot_so101_degrees"
 """Layout of requests to a policy that was trained on such data."""
-REAL_RATE_HZ = 20.0
+REAL_RATE_HZ = CONTROL_RATE_HZ
 """Rate at which demonstrations and trials of the protocol are recorded [Hz]: that of the twin."""
 DEMONSTRATIONS = 25
 """Demonstrations of each training condition in the paper."""

@@ -24,11 +24,12 @@ from betterbench.demonstrations.teleop.lerobot_arms import (
 )
 from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.geometry import Pose, Vector, distance, from_axis_angle, multiply, normalize, turn_between
+from betterbench.interface.actions import SO101_MOTORS
 from betterbench.sim.robots import ArmIK, RobotSpec
 
 LEADERS = ("so101_leader", "so100_leader")
 """Leader arms with known kinematics."""
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+JOINTS = SO101_MOTORS[:-1]
 SCALE = 1.5
 """Motion of the robot's tool per unit of motion of the leader's tool, about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0

@@ -17,7 +17,7 @@ from betterbench.diagnosis.analysis.approaches import (
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.analysis.halts import find_halt
 from betterbench.diagnosis.analysis.paths import path_length
-from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.exposure import Exposure, absent_steps
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.statistics.wording import listed
@@ -79,7 +79,8 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
     The scene looks half finished, and no step is left: the paper's phase conflict II. If all trained steps are
     finished, such motion alone is not evidence of a wrong phase.
     """
-    if not episode.condition.mid_task_look or episode.steps or not _misses_an_object(episode):
+    condition = episode.condition
+    if not condition.mid_task_look or episode.steps or not absent_steps(get_task(condition.task), condition):
         return None
     rows = to_and_fro(episode.trace, 0)
     if rows is None:
@@ -90,18 +91,6 @@ def _oscillates(episode: EpisodeAnalysis) -> Evidence | None:
         f"forth until the end, {way:.1f} m in total."
     )
     return episode.evidence("to_and_fro", text, rows=rows)
-
-
-def _misses_an_object(episode: EpisodeAnalysis) -> bool:
-    """Return whether the object of a training step for the same instruction is missing from the scene."""
-    condition = episode.condition
-    present = {o.kind for o in condition.objects}
-    return any(
-        present.isdisjoint(known.object(name).kind for name in known.resolve(goal.reference))
-        for known in get_task(condition.task).training
-        if known.instruction.text == condition.instruction.text
-        for goal in known.instruction.subgoals
-    )
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:

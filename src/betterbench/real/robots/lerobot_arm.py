@@ -25,8 +25,8 @@ from betterbench.demonstrations.teleop.lerobot_arms import (
     read_motors,
 )
 from betterbench.errors import InvalidInputError
+from betterbench.interface.actions import SO101_MOTORS
 from betterbench.real.plan import PlannedTrial, Unit
-from betterbench.real.record import MOTORS
 from betterbench.real.robots.robot import Frame, Reading, RobotError
 
 KIND = "so101_follower"
@@ -145,14 +145,14 @@ class LeRobotArm:
             loads = read_motors(bus, "Present_Load", normalize=False)
         except Exception as problem:
             raise self._silent(problem) from problem
-        state = np.array([float(positions[motor]) for motor in MOTORS])
-        load = np.array([_signed(int(loads[motor])) / _LOAD_MOST for motor in MOTORS])
+        state = np.array([float(positions[motor]) for motor in SO101_MOTORS])
+        load = np.array([_signed(int(loads[motor])) / _LOAD_MOST for motor in SO101_MOTORS])
         return Reading(self.now(), state, load, dict(self._frames))
 
     def command(self, positions: np.ndarray) -> None:
         """Send targets to the motors. Raises RobotError."""
         bus = self._connected.bus
-        goals = {motor: float(value) for motor, value in zip(MOTORS, positions, strict=True)}
+        goals = {motor: float(value) for motor, value in zip(SO101_MOTORS, positions, strict=True)}
         try:
             clear_port(bus)
             # lerobot's send_action does the same, but refuses without a camera: the arm could then not be held.
@@ -164,7 +164,7 @@ class LeRobotArm:
         """Switch the torque of all motors off; the arm sinks. Raises RobotError after all motors were tried."""
         bus = self._connected.bus
         problems: list[Exception] = []
-        for motor in MOTORS:
+        for motor in SO101_MOTORS:
             try:
                 clear_port(bus)
                 bus.disable_torque(motor, num_retry=RETRIES)

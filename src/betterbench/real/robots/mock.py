@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.errors import InvalidInputError
+from betterbench.interface.actions import SO101_MOTORS
 from betterbench.interface.observation import CameraSpec, ObservationSpec
 from betterbench.json_form import strict_form
 from betterbench.real.plan import PlannedTrial, RealPlan
-from betterbench.real.record import MOTORS
 from betterbench.real.robots.robot import Frame, Reading, RobotError
 from betterbench.sim.robots import robot
 from betterbench.sim.scenes import Scene
@@ -63,8 +63,10 @@ class MockFaults:
 
     def __post_init__(self) -> None:
         """Raise InvalidInputError for an unknown motor."""
-        if self.stalled and self.stalled not in MOTORS:
-            raise InvalidInputError("mock: stalled", f"{self.stalled!r} is no motor", f"Use one of {', '.join(MOTORS)}")
+        if self.stalled and self.stalled not in SO101_MOTORS:
+            raise InvalidInputError(
+                "mock: stalled", f"{self.stalled!r} is no motor", f"Use one of {', '.join(SO101_MOTORS)}"
+            )
 
 
 class MockRobot:
@@ -189,7 +191,7 @@ class MockRobot:
             self._target = self._positions()
         targets = self._target.copy()
         if self.faults.stalled and faulty:
-            motor = MOTORS.index(self.faults.stalled)
+            motor = SO101_MOTORS.index(self.faults.stalled)
             if self._stuck is None:
                 self._stuck = self._positions()
             targets[motor] = self._stuck[motor]

@@ -27,7 +27,14 @@ from pathlib import Path
 
 import mujoco
 
-from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, SO101_DEGREES, SO101_NORMALIZED
+from betterbench.interface.actions import (
+    EE_DELTA,
+    EE_DELTA_MEASURED,
+    EE_POSE,
+    SO101_DEGREES,
+    SO101_MOTORS,
+    SO101_NORMALIZED,
+)
 from betterbench.sim.robots.building import (
     FIRM,
     SEEN,
@@ -231,7 +238,7 @@ _JAW_LOW, _JAW_HIGH = -0.174533, 1.745329
 _LEVEL_X, _LEVEL_Y = -0.0114, -0.0706
 """Point of the moving pad's face level with the tool center point at zero angle, in the jaw's frame [m]."""
 
-_ARM = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+_ARM = SO101_MOTORS[:-1]
 _OPENING_M = 0.085
 
 SO101 = RobotSpec(
