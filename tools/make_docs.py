@@ -79,9 +79,10 @@ def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
     scene_pictures.save_small(scene_pictures.row(hero, columns=1), pictures / "hero.jpg", limit=100_000)
     home = show_comparison(*HERO[0], seed=seed, size=300)
     scene_pictures.save_small(home, pictures / "home.jpg", limit=50_000)
-    sheet = scene_pictures.contact_sheet(tasks, seed=seed)
+    suite = [t for t in tasks if t.id in suite_tasks("better60")]
+    sheet = scene_pictures.contact_sheet(suite, seed=seed)
     scene_pictures.save_small(sheet, pictures / "contact_sheet.jpg", limit=SHEET_BYTES)
-    framing_page.write([t for t in tasks if t.id in suite_tasks("better60")], out)
+    framing_page.write(suite, out)
     library = library_sheet.sheet(categories())
     scene_pictures.save_small(library, pictures / "library.jpg", limit=SHEET_BYTES)
 
