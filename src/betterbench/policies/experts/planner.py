@@ -38,6 +38,9 @@ MAX_JOINT_STEP_RAD = 0.6
 """Maximum joint motion between two checked configurations; a larger motion implies a different arm posture."""
 COMFORT_RAD = 0.3
 """Preferred distance from joint limits [rad], because a wrist at its limit cannot rotate further."""
+RISES_M = (0.0, 0.002, 0.004)
+"""Heights above a goal from which to release an object [m], the lowest possible one, with an arm that tilts its tool: an
+edge of the tilted object is below the goal."""
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
@@ -205,8 +208,10 @@ class Planner:
         T_tcp_object = T_object_tcp.inverse()
         reasons: list[str] = []
         guess = np.asarray(state.joint_positions)
-        for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
-            release = goal.pose @ T_object_tcp
+        rises = RISES_M if self._robot.ik.rotation_slack_rad else (0.0,)
+        for rise, margin, goal in itertools.product(rises, (COMFORT_RAD, 0.0), goals):
+            resting = goal.pose.translated(z=rise) if rise else goal.pose
+            release = resting @ T_object_tcp
             above = release.translated(*goal.approach)
             opened = self._opening if goal.release_width_m is None else goal.release_width_m
             down = self._reach(guess, release, margin=margin)
@@ -215,9 +220,9 @@ class Planner:
                 continue
             guess = down
             hits = self._clearance.touches(
-                down, finger_width_m=state.finger_width_m, held=name, held_pose=goal.pose
+                down, finger_width_m=state.finger_width_m, held=name, held_pose=resting
             ) or self._clearance.touches(
-                down, finger_width_m=opened, held=name, held_pose=goal.pose, ignore=frozenset({name})
+                down, finger_width_m=opened, held=name, held_pose=resting, ignore=frozenset({name})
             )
             if hits:
                 reasons.append(", ".join(hits))

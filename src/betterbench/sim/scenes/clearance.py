@@ -11,6 +11,7 @@ import numpy as np
 from betterbench.geometry import Pose, distance
 from betterbench.interface.state import WorldState
 from betterbench.sim.robots.readers import numbers_of
+from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.scene import Scene
 
 ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
@@ -44,6 +45,8 @@ class Clearance:
             self._let_look(i, looks=True)
             self._model.geom_conaffinity[self._geoms[i]] = 0
             self._model.body_conaffinity[self._model.geom_bodyid[self._geoms[i]]] = 0
+        self._margin = margin_m
+        self._kept_apart = _kept_apart(scene)
         self._held = -1
         self._arm, self._fingers = scene.arm_addresses.tolist(), scene.finger_addresses.tolist()
         self._jaw = self._compiled.robot.jaw
@@ -80,7 +83,7 @@ class Clearance:
     ) -> tuple[str, ...]:
         """Return the contacts at these joint angles [rad]: one string "a-b" per pair, empty without contact.
 
-        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
+        Bodies of the robot that are to be kept apart count as in contact at less than the margin. ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
         """
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):
@@ -98,9 +101,13 @@ class Clearance:
             self._held = held_index
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
+        found = {
+            pair
+            for pair, one, two in self._kept_apart
+            if mujoco.mj_geomDistance(self._model, data, one, two, self._margin, None) < self._margin
+        }
         if not data.ncon:
-            return ()  # the usual case on a path
-        found: set[str] = set()
+            return tuple(sorted(found))  # the usual case on a path
         pairs = self._compiled.geom_labels[data.contact.geom].tolist()
         for (a, b), depth in zip(pairs, data.contact.dist.tolist(), strict=True):
             if a < 0 or b < 0 or a == b:
@@ -113,3 +120,14 @@ class Clearance:
             elif held_index in (a, b) and depth < -self._penetration:
                 found.add(f"{one}-{two}")
         return tuple(sorted(found))
+
+
+def _kept_apart(scene: Scene) -> tuple[tuple[str, int, int], ...]:
+    """Return the pairs of collision geoms of the robot's bodies that are kept apart, each with its text "a-b"."""
+    model, solid = scene.model, scene.model.geom_contype != 0
+
+    def geoms(body: str) -> list[int]:
+        return np.flatnonzero(solid & (model.geom_bodyid == model.body(ROBOT_PREFIX + body).id)).tolist()
+
+    pairs = scene.compiled.robot.kept_apart
+    return tuple((f"{a}-{b}", one, two) for a, b in pairs for one in geoms(a) for two in geoms(b))
