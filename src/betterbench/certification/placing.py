@@ -20,7 +20,8 @@ from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.robots import RobotSpec
 from betterbench.sim.scenes import Scene, quality_preset
-from betterbench.tasks import Task, task_from_json, task_to_json
+from betterbench.tasks import Task, task_to_json
+from betterbench.tasks.authoring.laid_out import laid_out
 
 GRID_M = 0.01
 """Distance between tried base positions [m]."""
@@ -120,11 +121,9 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
     if best is None:
         raise AssertionError("the grid of places is not empty")
     _, (x, y), out = best
-    form["slots"] = [{**s, "x": round(s["x"] - x, 4), "y": round(s["y"] - y, 4)} for s in form["slots"]]
-    form |= {"id": f"{task.id}_{spec.name}", "title": f"{task.title} ({spec.title})", "version": 1, "robot": spec.name}
-    form.pop("regimes", None)
+    there = laid_out(task, robot=spec.name, robot_title=spec.title, base_m=(x, y))
     outside = tuple(slot["name"] for slot, is_out in zip(form["slots"], out, strict=True) if is_out)
-    return Placed(task_from_json(form, where=str(form["id"])), (x, y), outside)
+    return Placed(there, (x, y), outside)
 
 
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:
