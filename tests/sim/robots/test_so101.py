@@ -322,6 +322,7 @@ def test_a_planner_finds_every_contact_of_the_folded_arm_with_itself() -> None:
     scene = table(0, EE_DELTA)
     clearance = Clearance(scene)
     clearance.load(scene.reset())
+    clearance.keeps_apart = True
     assert clearance.touches(ik.home, finger_width_m=SO101.gripper_opening_m) == ()
     (x, y, _), near = SO101.steering.center, SO101.steering.nearest_m
     apart = {f"{a}-{b}" for a, b in SO101.kept_apart}

@@ -14,11 +14,17 @@ from betterbench.sim.robots.readers import numbers_of
 from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.scene import Scene
 
+DISTMAX_M = 0.001
+"""Distance beyond which MuJoCo does not compute the distance of two geoms [m]."""
 ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
 
 
 class Clearance:
-    """Collision checker for the robot and an object in its gripper. It never changes the original scene."""
+    """Collision checker for the robot and an object in its gripper. It never changes the original scene.
+
+    Attributes:
+        keeps_apart: Whether contacts between the parts of the robot that its description keeps apart are checked, too.
+    """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
         """Copy the scene's model; the robot must keep a distance of ``margin_m`` from all bodies.
@@ -45,7 +51,7 @@ class Clearance:
             self._let_look(i, looks=True)
             self._model.geom_conaffinity[self._geoms[i]] = 0
             self._model.body_conaffinity[self._model.geom_bodyid[self._geoms[i]]] = 0
-        self._margin = margin_m
+        self.keeps_apart = False
         self._kept_apart = _kept_apart(scene)
         self._held = -1
         self._arm, self._fingers = scene.arm_addresses.tolist(), scene.finger_addresses.tolist()
@@ -83,7 +89,7 @@ class Clearance:
     ) -> tuple[str, ...]:
         """Return the contacts at these joint angles [rad]: one string "a-b" per pair, empty without contact.
 
-        Bodies of the robot that are to be kept apart count as in contact at less than the margin. ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
+        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); contacts with ``ignore`` are allowed.
         """
         data = self._data
         for address, angle in zip(self._arm, joints, strict=True):
@@ -101,11 +107,7 @@ class Clearance:
             self._held = held_index
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
-        found = {
-            pair
-            for pair, one, two in self._kept_apart
-            if mujoco.mj_geomDistance(self._model, data, one, two, self._margin, None) < self._margin
-        }
+        found = self._folded() if self.keeps_apart else set()
         if not data.ncon:
             return tuple(sorted(found))  # the usual case on a path
         pairs = self._compiled.geom_labels[data.contact.geom].tolist()
@@ -120,6 +122,14 @@ class Clearance:
             elif held_index in (a, b) and depth < -self._penetration:
                 found.add(f"{one}-{two}")
         return tuple(sorted(found))
+
+    def _folded(self) -> set[str]:
+        """Return the contacts between parts of the robot that are to be kept apart."""
+        model, data, found = self._model, self._data, set()
+        for pair, one, two in self._kept_apart:
+            if mujoco.mj_geomDistance(model, data, one, two, DISTMAX_M, None) < 0.0:
+                found.add(pair)
+        return found
 
 
 def _kept_apart(scene: Scene) -> tuple[tuple[str, int, int], ...]:

@@ -13,5 +13,11 @@ def cheeseburger_so101() -> a.Task:
 
     Randomizations: each layer within 15 mm and 9 degrees of its slot; all looks.
     """
-    arm = "SO-101 follower arm"
-    return a.laid_out(cheeseburger(), robot="so101", robot_title=arm, base_m=(0.28, -0.13), scale=0.85)
+    return a.laid_out(
+        cheeseburger(),
+        "cheeseburger_so101",
+        robot="so101",
+        robot_title="SO-101 follower arm",
+        base_m=(0.28, -0.13),
+        scale=0.85,
+    )
