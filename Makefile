@@ -44,11 +44,13 @@ bench: setup ## measure the speed as ratios within one run
 golden: setup ## rewrite the golden files and print what changed
 	@$(RUN) $(PY) -m pytest -q -m golden --regenerate-golden $(ARGS)
 
-certify: setup ## measure the demonstrations and certify the default trials of both suites; rewrites what ships with them
+certify: setup ## measure the demonstrations and certify the default trials of all suites; rewrites what ships with them
 	@$(RUN) $(PY) -m betterbench.cli certify --out runs/certificate --demonstrations 120 --write-package
 	@$(RUN) $(PY) -m betterbench.cli certify --out runs/certificate --write-package $(ARGS)
 	@$(RUN) $(PY) -m betterbench.cli certify --suite real_world --out runs/certificate_real --demonstrations 120 --write-package
 	@$(RUN) $(PY) -m betterbench.cli certify --suite real_world --out runs/certificate_real --write-package $(ARGS)
+	@$(RUN) $(PY) -m betterbench.cli certify --suite so101 --out runs/certificate_so101 --demonstrations 120 --write-package
+	@$(RUN) $(PY) -m betterbench.cli certify --suite so101 --out runs/certificate_so101 --write-package $(ARGS)
 
 check: fmt-check lint types arch ## everything quick that runs no simulation
 

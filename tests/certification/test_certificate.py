@@ -15,6 +15,7 @@ from betterbench.certification.runner import versions_in_use, write_coverage, wr
 from betterbench.errors import InvalidInputError
 from betterbench.report.pages.certificate_page import render_certificate, write_certificate_page
 from betterbench.tasks import SUITE_VERSION, TrialId, all_tasks, built_in_suite, get_task, suite_tasks
+from betterbench.tasks.authoring.registry import SUITES
 
 USED = versions_in_use(suite_tasks("better60"))
 HERE = {"suite": SUITE_VERSION, "engine": USED.engine, "tasks": USED.tasks}
@@ -147,7 +148,7 @@ def test_ranges_that_are_none_are_named_with_their_file_and_not_in_full(tmp_path
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize("suite", ["better60", "real_world"])
+@pytest.mark.parametrize("suite", SUITES)
 def test_the_packaged_certificate_names_what_exists(suite):
     coverage = packaged_coverage(suite)
     used = versions_in_use(suite_tasks(suite), robot=get_task(suite_tasks(suite)[0]).robot)
@@ -160,7 +161,7 @@ def test_the_packaged_certificate_names_what_exists(suite):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suite", ["better60", "real_world"])
+@pytest.mark.parametrize("suite", SUITES)
 def test_the_packaged_certificate_covers_the_default_run(suite):
     from betterbench.certification.refusal import require_certified
     from betterbench.evaluation import make_plan
@@ -170,6 +171,7 @@ def test_the_packaged_certificate_covers_the_default_run(suite):
 
 def test_tasks_of_no_built_in_suite_belong_to_the_first_one():
     assert built_in_suite(["fruit_basket"]) == "real_world"
+    assert built_in_suite(["cheeseburger_so101"]) == "so101"
     assert built_in_suite(["fast_food"]) == built_in_suite([]) == built_in_suite(["mine"]) == "better60"
     assert built_in_suite(["fast_food", "fruit_basket"]) == "better60"
 

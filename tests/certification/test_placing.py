@@ -13,7 +13,7 @@ from betterbench.certification.placing import Feasibility, GraspCount, measure_f
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
 from betterbench.sim.robots import ArmIK, robot, robot_names
-from betterbench.tasks import get_task, suite_tasks, task_from_json, task_to_json
+from betterbench.tasks import get_task, suite_of, suite_tasks, task_from_json, task_to_json
 
 SO101 = robot("so101")
 
@@ -27,7 +27,8 @@ def gaps(task):
 def test_a_placed_task_is_the_task_from_another_base(name):
     task = get_task(name)
     placed = place_task(task, SO101)
-    assert (placed.task.id, placed.task.robot, placed.task.version) == (f"{name}_so101", "so101", 1)
+    ending = "_placed" if suite_of(f"{name}_so101") else ""
+    assert (placed.task.id, placed.task.robot, placed.task.version) == (f"{name}_so101{ending}", "so101", 1)
     assert gaps(placed.task) == pytest.approx(gaps(task), abs=1e-6)
     x, y = placed.base_m
     assert placed.task.slots[0].x == pytest.approx(task.slots[0].x - x)
@@ -38,6 +39,19 @@ def test_a_placed_task_is_the_task_from_another_base(name):
     cx, cy, _ = SO101.steering.center
     apart = [s.name for s in placed.task.slots if not near <= math.hypot(s.x - cx, s.y - cy) <= far]
     assert set(apart) <= set(placed.outside)
+
+
+def test_a_packaged_layout_has_the_distances_of_its_task_scaled_and_only_slots_within_reach():
+    task, packaged = get_task("cheeseburger"), get_task("cheeseburger_so101")
+    assert gaps(packaged) == pytest.approx([0.85 * gap for gap in gaps(task)], abs=2e-4)
+    assert [c.instruction for c in packaged.training] == [c.instruction for c in task.training]
+    assert [(v.name, v.title) for v in packaged.variations] == [(v.name, v.title) for v in task.variations]
+    assert {c.task for c in packaged.training} == {"cheeseburger_so101"}
+    near, far = ring_of(SO101)
+    x, y, _ = SO101.steering.center
+    assert all(near <= math.hypot(s.x - x, s.y - y) <= far for s in packaged.slots)
+    tool = ArmIK(SO101).forward(SO101.home_joints).position
+    assert all(math.dist((s.x, s.y), tool[:2]) > 0.06 for s in packaged.slots)
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -93,7 +107,7 @@ def test_the_verb_writes_task_files_and_tells_the_numbers(tmp_path, capsys):
     assert "3 of 4" in said
     assert "1 of 2" in said
     assert "out of reach of it" in " ".join(said.split())
-    file = out / "cheeseburger_so101.json"
+    file = out / "cheeseburger_so101_placed.json"
     assert task_from_json(file.read_text()).robot == "so101"
     assert main([*words, "--json"]) == 0
     form = json.loads(capsys.readouterr().out)

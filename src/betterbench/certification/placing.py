@@ -20,7 +20,8 @@ from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.robots import RobotSpec
 from betterbench.sim.scenes import Scene, quality_preset
-from betterbench.tasks import Task, task_from_json, task_to_json
+from betterbench.tasks import Task, suite_of, task_to_json
+from betterbench.tasks.authoring.laid_out import laid_out
 
 GRID_M = 0.01
 """Distance between tried base positions [m]."""
@@ -39,7 +40,8 @@ class Placed:
     """A task laid out for another robot.
 
     Attributes:
-        task: The task; its name consists of the original task's name and the robot's name.
+        task: The task; its name consists of the original task's name and the robot's name, with "placed" after them if
+            a packaged task has that name.
         base_m: Position of the robot's base, in the base frame of the original's robot [m].
         outside: Names of the slots that are out of reach from there.
     """
@@ -120,11 +122,12 @@ def place_task(task: Task, spec: RobotSpec) -> Placed:
     if best is None:
         raise AssertionError("the grid of places is not empty")
     _, (x, y), out = best
-    form["slots"] = [{**s, "x": round(s["x"] - x, 4), "y": round(s["y"] - y, 4)} for s in form["slots"]]
-    form |= {"id": f"{task.id}_{spec.name}", "title": f"{task.title} ({spec.title})", "version": 1, "robot": spec.name}
-    form.pop("regimes", None)
+    name = f"{task.id}_{spec.name}"
+    if suite_of(name) is not None:
+        name += "_placed"
+    there = laid_out(task, name, robot=spec.name, robot_title=spec.title, base_m=(x, y))
     outside = tuple(slot["name"] for slot, is_out in zip(form["slots"], out, strict=True) if is_out)
-    return Placed(task_from_json(form, where=str(form["id"])), (x, y), outside)
+    return Placed(there, (x, y), outside)
 
 
 def measure_feasibility(task: Task, *, seeds: int, on_trial: Callable[[], None] = lambda: None) -> Feasibility:

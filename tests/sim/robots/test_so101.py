@@ -12,7 +12,9 @@ from gymnasium.utils.env_checker import check_env
 from tests.sim.robots.bench import Bench
 from tests.sim.robots.so101_table import TABLE, places, table
 
-from betterbench.certification.examine import planned_grasps
+from betterbench.certification.examine import planned_grasps, watch_expert
+from betterbench.certification.handling import Pick, Put
+from betterbench.certification.placing import place_task
 from betterbench.episodes.gymnasium_env import TaskEnv
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalize, rotate
@@ -22,7 +24,9 @@ from betterbench.records.modalities.labels import STAGE
 from betterbench.sim.robots import ArmController, ArmIK, IKResult, build_robot_spec, robot, robot_names
 from betterbench.sim.robots.building import COLLISION_GROUP
 from betterbench.sim.robots.so101 import SO101
+from betterbench.sim.scenes import Clearance, Scene
 from betterbench.sim.scenes.instances import instances_of_bodies
+from betterbench.tasks import get_task
 from betterbench.tasks.authoring.registry import registered_for_now
 
 pytestmark = pytest.mark.physics
@@ -309,3 +313,42 @@ def test_an_object_out_of_reach_is_refused_with_a_sentence() -> None:
 def test_the_certificate_finds_an_object_within_reach() -> None:
     scene = table(0, SO101_DEGREES)
     assert planned_grasps(scene, scene.reset())[0] == {"lemon": None}
+
+
+def test_a_planner_finds_every_contact_of_the_folded_arm_with_itself() -> None:
+    """No contact between parts of the arm is missed in postures for a grasp from above near the base."""
+    ik, model = arm(), model_of("so101")
+    data, draw = mujoco.MjData(model), np.random.default_rng(5)
+    scene = table(0, EE_DELTA)
+    clearance = Clearance(scene)
+    clearance.load(scene.reset())
+    clearance.keeps_apart = True
+    assert clearance.touches(ik.home, finger_width_m=SO101.gripper_opening_m) == ()
+    (x, y, _), near = SO101.steering.center, SO101.steering.nearest_m
+    apart = {f"{a}-{b}" for a, b in SO101.kept_apart}
+    folded = 0
+    for _ in range(200):
+        radius, side, height = near + draw.uniform(0.0, 0.1), draw.uniform(-1.5, 1.5), draw.uniform(0.05, 0.12)
+        turned = normalize(multiply(from_yaw(draw.uniform(-math.pi, math.pi)), DOWN))
+        found = ik.reach(ik.home, Pose((x + radius * math.cos(side), y + radius * math.sin(side), height), turned))
+        if not found.converged:
+            continue
+        data.qpos[[model.joint(joint).qposadr[0] for joint in SO101.arm_joints]] = found.q
+        data.qpos[[model.joint(joint).qposadr[0] for joint in SO101.finger_joints]] = SO101.jaw.joints_at(0.05)
+        mujoco.mj_forward(model, data)
+        touching = bool((data.contact.dist < 0.0).any())
+        folded += touching
+        assert not touching or apart & set(clearance.touches(found.q, finger_width_m=0.05)), found.q
+    assert folded > 2
+
+
+@pytest.mark.parametrize(("condition", "seed"), [("train2", 0), ("train2", 1), ("train2", 5)])
+def test_layers_near_the_base_are_picked_once_and_put_on_a_stack_at_the_edge_of_the_reach(
+    condition: str, seed: int
+) -> None:
+    """A folded arm does not lift with its camera at its first link, and a tilted tool releases a layer higher."""
+    task = place_task(get_task("cheeseburger"), SO101).task
+    scene = Scene(task, task.train(condition), seed=seed, action_space=EE_DELTA)
+    watched = watch_expert(scene)
+    assert watched.problem == ""
+    assert [type(p) for p in watched.primitives] == [Pick, Put] * 3

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -38,6 +39,9 @@ MAX_JOINT_STEP_RAD = 0.6
 """Maximum joint motion between two checked configurations; a larger motion implies a different arm posture."""
 COMFORT_RAD = 0.3
 """Preferred distance from joint limits [rad], because a wrist at its limit cannot rotate further."""
+RISES_M = (0.0, 0.002, 0.004)
+"""Heights above a goal from which to release an object [m], the lowest possible one. They are for an arm that tilts its
+tool: an edge of the tilted object is below the goal."""
 SLIDE_WIDTH_M = 0.05
 """Gripper opening around a knob in the collision check along the rails [m]."""
 OUT_OF_REACH = "out of reach"
@@ -94,6 +98,9 @@ class SlidePlan:
     end: Pose
 
 
+_Plan = TypeVar("_Plan", PickPlan, PlacePlan)
+
+
 class Planner:
     """Planner of grasps and collision-free paths in one scene."""
 
@@ -105,6 +112,21 @@ class Planner:
         self._robot = scene.compiled.robot
         self._opening = self._robot.gripper_opening_m
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
+
+    def _apart_first(self, plan: Callable[[], _Plan]) -> _Plan:
+        """Return a plan that keeps parts of a folded arm apart, or else one in which they may touch.
+
+        A touch can stop the arm while it lifts, but often it does not.
+        """
+        if self._robot.kept_apart:
+            self._clearance.keeps_apart = True
+            try:
+                return plan()
+            except PlanningError:
+                pass
+            finally:
+                self._clearance.keeps_apart = False
+        return plan()
 
     @property
     def reach_m(self) -> float:
@@ -127,6 +149,9 @@ class Planner:
         Raises:
             PlanningError: If no grasp can be reached without a collision.
         """
+        return self._apart_first(lambda: self._plan_pick(state, name, cost))
+
+    def _plan_pick(self, state: WorldState, name: str, cost: Callable[[Pose], float] | None) -> PickPlan:
         self._clearance.load(state)
         reasons: list[str] = []
         grasps = list(self._grasps(state, name, cost))
@@ -200,13 +225,18 @@ class Planner:
         Raises:
             PlanningError: If none of them can be reached without a collision.
         """
+        return self._apart_first(lambda: self._plan_place(state, name, goals))
+
+    def _plan_place(self, state: WorldState, name: str, goals: Sequence[PlaceGoal]) -> PlacePlan:
         self._clearance.load(state)
         T_object_tcp = state.pose(name).inverse() @ state.ee_pose
         T_tcp_object = T_object_tcp.inverse()
         reasons: list[str] = []
         guess = np.asarray(state.joint_positions)
-        for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
-            release = goal.pose @ T_object_tcp
+        rises = RISES_M if self._robot.ik.rotation_slack_rad else (0.0,)
+        for rise, margin, goal in itertools.product(rises, (COMFORT_RAD, 0.0), goals):
+            resting = goal.pose.translated(z=rise) if rise else goal.pose
+            release = resting @ T_object_tcp
             above = release.translated(*goal.approach)
             opened = self._opening if goal.release_width_m is None else goal.release_width_m
             down = self._reach(guess, release, margin=margin)
@@ -215,9 +245,9 @@ class Planner:
                 continue
             guess = down
             hits = self._clearance.touches(
-                down, finger_width_m=state.finger_width_m, held=name, held_pose=goal.pose
+                down, finger_width_m=state.finger_width_m, held=name, held_pose=resting
             ) or self._clearance.touches(
-                down, finger_width_m=opened, held=name, held_pose=goal.pose, ignore=frozenset({name})
+                down, finger_width_m=opened, held=name, held_pose=resting, ignore=frozenset({name})
             )
             if hits:
                 reasons.append(", ".join(hits))

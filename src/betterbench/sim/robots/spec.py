@@ -139,6 +139,8 @@ class RobotSpec:
         workspace: Distances of planned motions.
         steering: Limits of an operator's targets; not part of the JSON form, because they change no results.
         dynamics: Quantities of the dynamics that a trial draws; empty for a robot whose numbers are known.
+        kept_apart: Pairs of bodies that can touch each other in the workspace, which the planner keeps apart; not part
+            of the JSON form, because they change no physics.
     """
 
     name: str
@@ -178,6 +180,7 @@ class RobotSpec:
     workspace: Workspace
     steering: SteeringLimits
     dynamics: tuple[VariedQuantity, ...] = ()
+    kept_apart: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the per-joint tuples agree and that home is inside the limits."""
@@ -225,7 +228,7 @@ class RobotSpec:
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict for records and handshakes, without dynamics that do not vary."""
         form = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-        del form["steering"]
+        del form["steering"], form["kept_apart"]
         if not self.dynamics:
             del form["dynamics"]
         return form

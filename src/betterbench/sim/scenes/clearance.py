@@ -11,13 +11,20 @@ import numpy as np
 from betterbench.geometry import Pose, distance
 from betterbench.interface.state import WorldState
 from betterbench.sim.robots.readers import numbers_of
+from betterbench.sim.scenes.instances import ROBOT_PREFIX
 from betterbench.sim.scenes.scene import Scene
 
+DISTMAX_M = 0.001
+"""Distance beyond which MuJoCo does not compute the distance of two geoms [m]."""
 ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
 
 
 class Clearance:
-    """Collision checker for the robot and an object in its gripper. It never changes the original scene."""
+    """Collision checker for the robot and an object in its gripper. It never changes the original scene.
+
+    Attributes:
+        keeps_apart: Whether contacts between the parts of the robot that its description keeps apart are checked, too.
+    """
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
         """Copy the scene's model; the robot must keep a distance of ``margin_m`` from all bodies.
@@ -44,6 +51,8 @@ class Clearance:
             self._let_look(i, looks=True)
             self._model.geom_conaffinity[self._geoms[i]] = 0
             self._model.body_conaffinity[self._model.geom_bodyid[self._geoms[i]]] = 0
+        self.keeps_apart = False
+        self._kept_apart = _kept_apart(scene)
         self._held = -1
         self._arm, self._fingers = scene.arm_addresses.tolist(), scene.finger_addresses.tolist()
         self._jaw = self._compiled.robot.jaw
@@ -98,9 +107,9 @@ class Clearance:
             self._held = held_index
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
+        found = self._folded() if self.keeps_apart else set()
         if not data.ncon:
-            return ()  # the usual case on a path
-        found: set[str] = set()
+            return tuple(sorted(found))  # the usual case on a path
         pairs = self._compiled.geom_labels[data.contact.geom].tolist()
         for (a, b), depth in zip(pairs, data.contact.dist.tolist(), strict=True):
             if a < 0 or b < 0 or a == b:
@@ -113,3 +122,22 @@ class Clearance:
             elif held_index in (a, b) and depth < -self._penetration:
                 found.add(f"{one}-{two}")
         return tuple(sorted(found))
+
+    def _folded(self) -> set[str]:
+        """Return the contacts between parts of the robot that are to be kept apart."""
+        model, data, found = self._model, self._data, set()
+        for pair, one, two in self._kept_apart:
+            if mujoco.mj_geomDistance(model, data, one, two, DISTMAX_M, None) < 0.0:
+                found.add(pair)
+        return found
+
+
+def _kept_apart(scene: Scene) -> tuple[tuple[str, int, int], ...]:
+    """Return the pairs of collision geoms of the robot's bodies that are kept apart, each with its text "a-b"."""
+    model, solid = scene.model, scene.model.geom_contype != 0
+
+    def geoms(body: str) -> list[int]:
+        return np.flatnonzero(solid & (model.geom_bodyid == model.body(ROBOT_PREFIX + body).id)).tolist()
+
+    pairs = scene.compiled.robot.kept_apart
+    return tuple((f"{a}-{b}", one, two) for a, b in pairs for one in geoms(a) for two in geoms(b))

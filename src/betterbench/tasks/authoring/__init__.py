@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from betterbench.tasks.authoring.condition_matrix import ConditionMatrix, MatrixCell
+from betterbench.tasks.authoring.laid_out import laid_out
 from betterbench.tasks.authoring.operations import (
     add,
     chain,
@@ -231,6 +232,7 @@ __all__ = [
     "fixture",
     "instruct",
     "item",
+    "laid_out",
     "move",
     "ordered",
     "packed",

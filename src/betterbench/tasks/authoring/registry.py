@@ -133,6 +133,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         "dinner_plates",
     ),
     "real_world": ("fruit_basket",),
+    "so101": ("cheeseburger_so101",),
 }
 """Packaged suites by name: their tasks in the order of the table.
 

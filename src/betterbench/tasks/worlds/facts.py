@@ -81,6 +81,7 @@ OURS = WorldFacts(
     suites={
         OUR_SUITE: Suite(OUR_SUITE, OUR_SUITE, None, 10, "tasks with six variations each"),
         "real_world": Suite("real_world", "real_world", None, 1, "the paper's two matrices, for the SO-101"),
+        "so101": Suite("so101", "so101", None, 1, "tasks of better60, laid out for the SO-101"),
     },
     reading="conditions",
     measured=True,

@@ -334,6 +334,8 @@ SO101 = RobotSpec(
             "1.3 degrees (Robonine, Backlash Compensation in STS3215 Servo Actuators)",
         ),
     ),
+    # Near its base, the arm folds until the wrist camera, or the gripper, is at the first link.
+    kept_apart=(("camera", "base"), ("camera", "shoulder"), ("gripper", "shoulder"), ("moving_jaw", "shoulder")),
 )
 
 _PAINTS = {"print": (0.93, 0.92, 0.89, 1.0), "jaw": (0.95, 0.42, 0.08, 1.0), "dark": (0.11, 0.11, 0.12, 1.0)}

@@ -1,0 +1,31 @@
+"""Layout of a task for another robot: the same task with its slots moved, and brought closer together if necessary."""
+
+from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.authoring.task_form import task_from_json, task_to_json
+
+
+def laid_out(
+    task: Task, name: str, *, robot: str, robot_title: str, base_m: tuple[float, float], scale: float = 1.0
+) -> Task:
+    """Return a task laid out for another robot, with version 1 and without listed regimes.
+
+    The conditions and variations are the same; the slots of the operations move, too. Slots keep their headings and
+    their jitter.
+
+    Args:
+        task: The task to lay out.
+        name: Name of the result.
+        robot: Name of the robot.
+        robot_title: Title of the robot, which is added to the title of the task.
+        base_m: Position of the robot's base, in the base frame of the original's robot [m].
+        scale: Distances between slots, as a share of the original distances.
+    """
+    form = task_to_json(task)  # lists the slots of the operations, too
+    x, y = base_m
+    form["slots"] = [
+        {**slot, "x": round(scale * (slot["x"] - x), 4), "y": round(scale * (slot["y"] - y), 4)}
+        for slot in form["slots"]
+    ]
+    form |= {"id": name, "title": f"{task.title} ({robot_title})", "version": 1, "robot": robot}
+    form.pop("regimes", None)
+    return task_from_json(form, where=name)
