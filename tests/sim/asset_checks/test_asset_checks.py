@@ -159,9 +159,9 @@ def test_a_jar_with_a_wide_lid_and_a_narrow_foot_stands_upright():
     assert run_check("upright", Subject(build("jam_jar"), kind_of("jam jar"))).outcome == "passed"
 
 
-@pytest.mark.parametrize("category", ["dinner_plate", "spoon", "cereal_bowl", "shallow_bowl", "burger"])
+@pytest.mark.parametrize("category", ["dinner_plate", "cereal_bowl", "burger"])
 def test_a_hollow_or_a_dome_points_up(planted, category):
-    """The tags of two of the bowls say that they are filled, so that they need not be open at the top."""
+    """The tags of the bowl say that it is filled, so that it need not be open at the top."""
     asset, kind = build(category), kind_of(category)
     over = planted.ASSET_FAULTS["upside down"](asset, np.random.default_rng(3))
     assert run_check("upright", Subject(asset, kind)).outcome == "passed"

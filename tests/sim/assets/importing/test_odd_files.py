@@ -195,6 +195,12 @@ def test_textures_are_read_at_the_coordinates_of_the_format(gltf, tmp_path, text
     assert color_of(gltf.read(tmp_path)) == color
 
 
+def test_an_image_of_an_unknown_format_is_named_without_an_address_in_memory(gltf, tmp_path):
+    gltf.form["images"] = [{"bufferView": gltf.view(b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(60))}]
+    with pytest.raises(InvalidInputError, match=r"texture number 0 cannot be read \(its image format is not known\)"):
+        gltf.read(tmp_path)
+
+
 def test_colors_of_corners_multiply_the_material(gltf, tmp_path):
     gltf.attribute("COLOR_0", np.array([[0, 255, 255, 255]], "|u1"), "VEC4", normalized=True)
     gltf.form["materials"] = [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.2, 1, 1]}}]

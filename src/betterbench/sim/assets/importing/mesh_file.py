@@ -21,7 +21,7 @@ from urllib.parse import unquote
 import numpy as np
 import trimesh
 import trimesh.resolvers
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.installation import missing_extra
@@ -156,7 +156,9 @@ def check_picture(data: bytes, name: str, where: str) -> None:
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         large = True
     except Exception as error:  # Pillow raises many kinds of errors for broken images
-        problem = f"its texture {name} cannot be read ({one_line(error, most=120)})"
+        unknown = isinstance(error, UnidentifiedImageError)  # whose text is an address in memory
+        why = "its image format is not known" if unknown else one_line(error, most=120)
+        problem = f"its texture {name} cannot be read ({why})"
         raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
     if large:
         problem = f"its texture {name} has more than {MAX_IMAGE_PIXELS:,} pixels"
