@@ -18,8 +18,9 @@ from betterbench.sim.asset_checks.check import run_check
 from betterbench.sim.asset_checks.job import certify_target, certify_targets, targets_of
 from betterbench.sim.asset_checks.subject import Subject
 from betterbench.sim.assets import build
-from betterbench.sim.assets.authoring.draft import Draft, block, grip, zone
+from betterbench.sim.assets.authoring.draft import Draft, block, grip, part, zone
 from betterbench.sim.assets.authoring.registry import asset_of
+from betterbench.sim.assets.authoring.turned import Turned
 from betterbench.sim.assets.importing.importer import Wishes
 from betterbench.sim.assets.importing.kinds import kind_of
 
@@ -127,6 +128,44 @@ def test_a_planted_fault_fails_its_check(planted, tub, good, fault, name):
     assert good.check(name).outcome == "passed"
     assert result.outcome == "failed", result
     assert result.sentence.count(". ") >= 1, "a failed check says what to do"
+
+
+def _closed(lid, base, *, body=0.033, height=0.11):
+    """A closed jar of revolution: radii [m] of its lid and its base."""
+    radii = (base, base, body, body, lid, lid, 0.0)
+    heights = tuple(height * share for share in (0.0, 0.02, 0.05, 0.82, 0.83, 1.0, 1.0))
+    turned = Turned((0.0, *radii), (0.0, *heights))
+    parts = [part("body", turned.mesh(), (0.6, 0.3, 0.2)), *turned.filled(body)]
+    draft = Draft(shape="cylinder", description="A jar.", tags=("jar",), mass_kg=0.2, parts=parts, license="CC0-1.0")
+    return asset_of(draft, "jar", color="red")
+
+
+@pytest.mark.parametrize(("kind", "lid"), [("jar", 0.8), ("pepper mill", 0.8), ("bottle", 0.4)])
+def test_a_closed_vessel_does_not_stand_on_its_lid(planted, kind, lid):
+    """Seed 11 of the planted assets: a jar whose lid is a fifth narrower than its body stands firmly on it."""
+    asset = _closed(lid * 0.033, 0.032)
+    good, bad = (
+        Subject(one, kind_of(kind))
+        for one in (asset, planted.ASSET_FAULTS["upside down"](asset, np.random.default_rng(3)))
+    )
+    assert run_check("upright", good).outcome == "passed"
+    result = run_check("upright", bad)
+    assert result.outcome == "failed"
+    assert "Give the axis of the file that points up with --up" in result.sentence
+
+
+def test_a_jar_with_a_wide_lid_and_a_narrow_foot_stands_upright():
+    assert run_check("upright", Subject(_closed(0.033, 0.028), kind_of("jar"))).outcome == "passed"
+    assert run_check("upright", Subject(build("jam_jar"), kind_of("jam jar"))).outcome == "passed"
+
+
+@pytest.mark.parametrize("category", ["dinner_plate", "cereal_bowl", "burger"])
+def test_a_hollow_or_a_dome_points_up(planted, category):
+    """The tags of the bowl say that it is filled, so that it need not be open at the top."""
+    asset, kind = build(category), kind_of(category)
+    over = planted.ASSET_FAULTS["upside down"](asset, np.random.default_rng(3))
+    assert run_check("upright", Subject(asset, kind)).outcome == "passed"
+    assert run_check("upright", Subject(over, kind)).outcome == "failed"
 
 
 def test_a_grasp_states_its_width_and_fits_the_gripper(tub, good):

@@ -29,6 +29,10 @@ ROUND_RATIO, LYING_RATIO = 1.06, 1.12
 about the vertical is larger if the object lies on its side. A square has 1.41."""
 FOOTING_RATIO = 1.6
 """Ratio of top to foot width above which an object of a standing kind is upside down."""
+END_SHARE, END_AREA_RATIO = 0.15, 1.3
+"""Height of each end as a share of the height of the object, and the largest ratio of the cross-sections of the upper
+and the lower end for kinds with a narrow top. A jam jar with a wide lid and a beveled base has 1.14; a jar on its lid,
+which is a fifth narrower than its body, has 1.54 (measured)."""
 
 # ------------------------------------------------------------------------------------------------------------- at rest
 SETTLE_S, WATCH_S = 4.0, 1.5
@@ -136,6 +140,10 @@ ROUND_KINDS = frozenset(kind.name for kind in kinds() if kind.is_tall) | {
 """Kinds that are often round about the vertical, never about a horizontal axis."""
 FOOTED_KINDS = frozenset({"bottle", "jar", "vase", "pepper mill", "shaker"})
 """Kinds that stand on their broader end."""
+NARROW_TOP_KINDS = frozenset({"bottle", "jar", "pepper mill", "shaker", "burger", "lid", "tajine", "pumpkin"})
+"""Kinds with a neck, a cap, a knob, a stem or a domed top, which is hardly ever broader than their base."""
+HOLLOW_TOP_KINDS = frozenset({"plate", "spoon", "cooking spoon"})
+"""Kinds that are not open, but whose hollow, if they have one, is above; the same applies to open kinds."""
 ALWAYS_LIFTED_KINDS = frozenset(
     {
         "fork", "spoon", "knife", "chopstick", "cooking fork", "cooking spoon", "cooking knife", "whisk",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, from_axis_angle
 from betterbench.interface.state import Region
 from betterbench.jobs.decisions import now
@@ -327,16 +325,8 @@ def test_a_file_that_was_changed_by_hand_is_one_clear_line(tmp_path):
 
 def test_two_writers_at_once_are_refused(tmp_path):
     path = tmp_path / "r.jsonl"
-    with ReviewJournal(path):
-        code = (
-            "import sys, pathlib\n"
-            "from betterbench.sim.assets.importing.review import ReviewJournal\n"
-            "from betterbench.errors import RunConflictError\n"
-            "try:\n    ReviewJournal(pathlib.Path(sys.argv[1]))\n"
-            "except RunConflictError as e:\n    print(e)\n"
-        )
-        done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
-    assert "another process" in done.stdout
+    with ReviewJournal(path), pytest.raises(RunConflictError, match="another process"):
+        ReviewJournal(path)
     write(path, review(Verdict("accept")))
 
 

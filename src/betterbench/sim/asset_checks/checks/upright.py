@@ -7,8 +7,10 @@ import numpy as np
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.check import Finding, at_least, at_most, check, not_applicable
 from betterbench.sim.asset_checks.subject import Subject
+from betterbench.sim.assets.importing.cavity import cavity_of
 from betterbench.sim.assets.importing.kinds import FLAT_SHARE, TALL_SHARE
-from betterbench.sim.assets.importing.upright import footing
+from betterbench.sim.assets.importing.solid import solid_of
+from betterbench.sim.assets.importing.upright import end_areas, footing
 
 _CURE = "Give the axis of the file that points up with --up"
 
@@ -24,6 +26,8 @@ def upright(subject: Subject) -> Finding:
         (kind.is_flat, _flat),
         (kind.name in limits.ROUND_KINDS, _round),
         (kind.name in limits.FOOTED_KINDS, _footed),
+        (kind.name in limits.NARROW_TOP_KINDS, _narrow_top),
+        (kind.is_open or kind.name in limits.HOLLOW_TOP_KINDS, _hollow_top),
     )
     findings = [rule(subject) for applies, rule in rules if applies]
     if subject.is_open:
@@ -86,6 +90,23 @@ def _footed(subject: Subject) -> Finding:
     ratio = top / max(foot, 1e-6)
     said = f"upside down it would stand {ratio:.2g} times as firmly"
     return at_most(ratio, limits.FOOTING_RATIO, "ratio", said, f"A {_name(subject)} stands on its broader end. {_CURE}")
+
+
+def _narrow_top(subject: Subject) -> Finding:
+    bottom, top = end_areas(subject.solid, limits.END_SHARE)
+    ratio = top / max(bottom, 1e-9)
+    said = f"its upper end has {100 * ratio:.3g} % of the area of its lower end"
+    cure = f"A {_name(subject)} is narrower at the top. {_CURE}"
+    return at_most(ratio, limits.END_AREA_RATIO, "ratio", said, cure)
+
+
+def _hollow_top(subject: Subject) -> Finding:
+    """Compare the hollows above and below, which also applies to filled bowls and to plates without a rim."""
+    vertices, faces = subject.surface
+    above, below = subject.cavity, cavity_of(solid_of(vertices * (1.0, -1.0, -1.0), faces))
+    up, down = (0.0 if hollow is None else 1e6 * hollow.volume_m3 for hollow in (above, below))
+    said = f"its hollow above holds {up:.3g} ml, and the one below would hold {down:.3g} ml upside down"
+    return at_least(up - down, 0.0, "ml", said, f"A {_name(subject)} is hollow at the top. {_CURE}")
 
 
 def _name(subject: Subject) -> str:

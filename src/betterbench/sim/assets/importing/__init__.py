@@ -1,7 +1,8 @@
 """Import of mesh, URDF and MJCF files as assets.
 
 - ``raw``, ``object_file``: one object from a file of any format. ``mesh_file`` reads GLB, glTF, OBJ, STL and PLY with
-  the files that they refer to, ``urdf`` and ``mjcf`` read rigid bodies (``rigid``).
+  the files that they refer to, ``plain_gltf`` rewrites features of glTF that trimesh drops, ``urdf`` and ``mjcf`` read
+  rigid bodies (``rigid``).
 - ``kinds``: usual size, mass and use of each kind of object; the name determines the kind.
 - ``upright``: unit, up axis and origin.
 - ``solid``, ``cavity``: occupied volume, hollow, and level surfaces.

@@ -7,6 +7,7 @@ links out of the folder and URLs raise an error.
 from __future__ import annotations
 
 import base64
+import codecs
 import hashlib
 import io
 import os
@@ -20,12 +21,13 @@ from urllib.parse import unquote
 import numpy as np
 import trimesh
 import trimesh.resolvers
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.installation import missing_extra
 from betterbench.json_form import read_bounded
 from betterbench.sim.assets.gltf import description_of
+from betterbench.sim.assets.importing.plain_gltf import plain
 from betterbench.sim.assets.importing.raw import RawMesh, RawPart, Rgba
 
 MAX_FILE_BYTES = 256 << 20
@@ -40,6 +42,13 @@ _RULES: dict[str, tuple[str | None, float | None]] = {"glb": ("y", 1.0), "gltf":
 
 _VERTEX_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n#]*[ \t])?0(?:[/ \t\r\n]|\Z)", re.MULTILINE)
 """Line of an OBJ file with a triangle at vertex 0, which trimesh would read as the last vertex."""
+_MATERIALS = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
+_COMMENTED_MATERIALS = re.compile(rb"^[ \t]*#[^\n]*mtllib[^\n]*$", re.MULTILINE)
+"""Lines of an OBJ file that name a file of materials, and comments in which trimesh would read such a name."""
+_OPTION = re.compile(r"-([a-z]+)((?:[ \t]+[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[ \t]+o(?:n|ff)\b|[ \t]+[rgbmlz]\b)*)[ \t]+")
+"""Option before the file name of a texture in MTL, with its values."""
+_NEUTRAL = {"s": 1.0, "o": 0.0, "t": 0.0}
+"""Values of the options of MTL that move a texture, with which they do nothing."""
 _CURE = "Export the object again, or leave out this file"
 _PICTURES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"))
 _READABLE_EXTENSIONS = frozenset(
@@ -48,6 +57,7 @@ _READABLE_EXTENSIONS = frozenset(
         "KHR_materials_unlit",
         "KHR_materials_specular",
         "KHR_materials_pbrSpecularGlossiness",
+        "KHR_mesh_quantization",
         "KHR_texture_transform",
     )
 )
@@ -80,7 +90,7 @@ class FolderResolver(trimesh.resolvers.Resolver):
             raise
 
     def _read(self, name: str) -> bytes:
-        asked = PurePosixPath(unquote(str(name).strip()).replace("\\", "/"))
+        asked = PurePosixPath(unquote(_texture_file(str(name).strip(), self._where)).replace("\\", "/"))
         shown = one_line(repr(str(name)), most=120)
         problem = f"it refers to {shown}, which is outside its folder"
         inside = os.path.normpath(PurePosixPath(self._at) / asked)
@@ -96,7 +106,8 @@ class FolderResolver(trimesh.resolvers.Resolver):
             check_picture(found, one_line(path.name, most=80), self._where)
         self._count(len(found))
         self.digests[inside] = hashlib.sha256(found).hexdigest()
-        return found
+        # After a byte order mark, trimesh would drop the first material.
+        return found.removeprefix(codecs.BOM_UTF8) if path.suffix.lower() == ".mtl" else found
 
     def holds(self, name: str) -> bool:
         """Return whether a name is the name of a file in the folder."""
@@ -145,7 +156,9 @@ def check_picture(data: bytes, name: str, where: str) -> None:
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         large = True
     except Exception as error:  # Pillow raises many kinds of errors for broken images
-        problem = f"its texture {name} cannot be read ({one_line(error, most=120)})"
+        unknown = isinstance(error, UnidentifiedImageError)  # whose text is an address in memory
+        why = "its image format is not known" if unknown else one_line(error, most=120)
+        problem = f"its texture {name} cannot be read ({why})"
         raise InvalidInputError(where, problem, "Save it as a PNG file again") from error
     if large:
         problem = f"its texture {name} has more than {MAX_IMAGE_PIXELS:,} pixels"
@@ -174,9 +187,9 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
     if kind is None:
         raise InvalidInputError(where, "its format is not known", f"Give one of {', '.join(FORMATS)}")
     if kind in ("glb", "gltf"):
-        _require_readable(data, kind, where)
-    if kind == "obj" and _VERTEX_ZERO.search(data) is not None:
-        raise InvalidInputError(where, "a triangle names vertex 0, and vertices of OBJ are counted from 1", _CURE)
+        data, kind = _readable(data, kind, files, where)
+    if kind == "obj":
+        data = _plain_obj(data, where)
     if kind == "stl" and _stated_triangles(data) > MAX_FACES:
         raise _too_many(where)  # before a surface of gigabytes is made of them
     try:
@@ -188,12 +201,39 @@ def read_mesh(data: bytes, name: str, files: FolderResolver, where: str) -> RawM
         # any error of trimesh or Pillow about a broken file becomes one line for the user
         if files.problem is not None:
             raise files.problem from None
-        problem = f"it cannot be read ({type(error).__name__}: {one_line(error, most=200)})"
-        raise InvalidInputError(where, problem, _CURE) from error
+        raise _unreadable(error, where) from error
     if files.problem is not None:
         raise files.problem
     up, unit_m = _RULES.get(kind, (None, None))
     return checked(RawMesh(parts, up, unit_m), where)  # type: ignore[arg-type]
+
+
+def _unreadable(error: Exception, where: str) -> InvalidInputError:
+    problem = f"it cannot be read ({type(error).__name__}: {one_line(error, most=200)})"
+    return InvalidInputError(where, problem, _CURE)
+
+
+def _plain_obj(data: bytes, where: str) -> bytes:
+    """Return an OBJ file as trimesh reads it: without a byte order mark, and with at most one file of materials."""
+    if _VERTEX_ZERO.search(data) is not None:
+        raise InvalidInputError(where, "a triangle names vertex 0, and vertices of OBJ are counted from 1", _CURE)
+    names = dict.fromkeys(name.strip() for name in _MATERIALS.findall(data))
+    if len(names) > 1:
+        first, second = (one_line(repr(name.decode(errors="replace")), most=60) for name in list(names)[:2])
+        problem = f"its materials are in several files ({first}, {second}), expected one"
+        raise InvalidInputError(where, problem, "Export the object again, or join the files of materials")
+    return _COMMENTED_MATERIALS.sub(b"#", data.removeprefix(codecs.BOM_UTF8))
+
+
+def _texture_file(name: str, where: str) -> str:
+    """Return the file name of a texture in MTL without its options; raise InvalidInputError for a scale or shift."""
+    while (option := _OPTION.match(name)) is not None:
+        given = [float(value) for value in option[2].split()] if option[1] in _NEUTRAL else []
+        if any(value != _NEUTRAL[option[1]] for value in given):
+            problem = f"the texture option {one_line(option[0].strip(), most=60)} is not read"
+            raise InvalidInputError(where, problem, "Apply it to the texture coordinates, and export the object again")
+        name = name[option.end() :]
+    return name
 
 
 def _stated_triangles(data: bytes) -> int:
@@ -229,9 +269,21 @@ def checked(mesh: RawMesh, where: str) -> RawMesh:
     return mesh
 
 
-def _require_readable(data: bytes, kind: str, where: str) -> None:
-    """Check the header of a glTF file for content that trimesh would silently drop."""
+def _readable(data: bytes, kind: str, files: FolderResolver, where: str) -> tuple[bytes, str]:
+    """Return a glTF file and its format without content that trimesh would silently drop."""
     form = description_of(io.BytesIO(data), where, binary=kind == "glb")
+    _require_readable(data, form, where)
+    try:
+        rewritten = plain(data, form, files.get, where)
+    except BetterError:
+        raise
+    except Exception as error:  # a description that is not that of a glTF file
+        raise _unreadable(error, where) from error
+    return (data, kind) if rewritten is None else (rewritten, "glb")
+
+
+def _require_readable(data: bytes, form: dict[str, Any], where: str) -> None:
+    """Raise an error for content of a glTF file that trimesh would silently drop."""
     _check_embedded_pictures(data, form, where)
     if _has_sparse_surface(form):
         cure = "Export the object without sparse accessors"
@@ -325,16 +377,27 @@ def _look(mesh: Any) -> tuple[Rgba, np.ndarray | None, np.ndarray | None, np.nda
         image = getattr(simple, "baseColorTexture", None)
         uv = visual.uv
         if image is None or uv is None or len(uv) != len(mesh.vertices):
-            return (rgba if factor is not None else (0.8, 0.8, 0.8, 1.0)), None, None, None
+            tint = _tint(mesh)
+            plain_gray = factor is None and tint is None
+            return ((0.8, 0.8, 0.8, 1.0) if plain_gray else rgba), None, None, tint
         if not isinstance(material, trimesh.visual.material.PBRMaterial):
             rgba = (1.0, 1.0, 1.0, rgba[3])  # of OBJ: exporters write a gray Kd in addition to the texture, or no Kd
         picture = image.convert("RGB")
         picture.thumbnail((LARGEST_IMAGE, LARGEST_IMAGE))
-        return rgba, np.asarray(picture), np.nan_to_num(np.asarray(uv, dtype=np.float64)), None
+        return rgba, np.asarray(picture), np.nan_to_num(np.asarray(uv, dtype=np.float64)), _tint(mesh)
     if visual.kind in ("vertex", "face"):
         colors = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3] / 255.0
         return (1.0, 1.0, 1.0, 1.0), None, None, colors
     return (0.8, 0.8, 0.8, 1.0), None, None, None
+
+
+def _tint(mesh: Any) -> np.ndarray | None:  # noqa: ANN401 - a mesh of trimesh
+    """Return the (n, 3) colors in [0, 1] with which a glTF file multiplies a material, or None."""
+    colors = np.asarray(mesh.visual.vertex_attributes.get("color", ()))
+    if colors.shape[:1] != (len(mesh.vertices),) or colors.ndim != 2 or colors.shape[1] < 3:
+        return None
+    largest = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
+    return np.clip(np.nan_to_num(colors[:, :3].astype(np.float64) / largest), 0.0, 1.0)
 
 
 def _rgba(factor: np.ndarray) -> Rgba:

@@ -160,7 +160,7 @@ class _Compiled:
 
     def mesh(self, name: str, notes: tuple[str, ...], *, states_mass: bool) -> RawMesh:
         m = self._model
-        geoms = [g for g in range(m.ngeom) if int(m.geom_type[g]) not in _FLAT]
+        geoms = [g for g in range(m.ngeom) if int(m.geom_type[g]) not in _FLAT and self._is_seen_or_felt(g)]
         of_bodies = [g for g in geoms if m.geom_bodyid[g] != 0]
         geoms = of_bodies or geoms
         if not geoms:
@@ -180,6 +180,11 @@ class _Compiled:
         if mass is not None:
             stated = Stated(mass.mass_kg, mass.center, mass.inertia, hulls, stated.name, notes)
         return RawMesh(parts, "z", 1.0, stated)
+
+    def _is_seen_or_felt(self, geom: int) -> bool:
+        """Return whether a geom is visible or has contacts; props mark regions with geoms that have neither."""
+        m = self._model
+        return bool(m.geom_contype[geom] or m.geom_conaffinity[geom] or self._rgba(geom)[3] > 0.0)
 
     def _masses(self) -> Iterator[PointMass]:
         m, d = self._model, self._data
@@ -226,9 +231,10 @@ class _Compiled:
     def _parts(self, geom: int) -> Iterator[RawPart]:
         vertices, faces, corners = self._shape(geom)
         vertices, faces = self._placed(geom, vertices, faces)
-        rgba, image = self._rgba(geom), self._image(geom)
+        rgba, (image, is_flat) = self._rgba(geom), self._image(geom)
         name = one_line(self._model.geom(geom).name or f"geom {geom}", most=60)
-        if image is not None and corners is None:  # MuJoCo's own texture mapping: the mean color is close enough
+        # MuJoCo's own mapping of a texture, also onto a cube: the mean color is close enough.
+        if image is not None and (corners is None or not is_flat):
             r, g, b = (float(v) / 255.0 for v in image.reshape(-1, 3).mean(axis=0))
             rgba, image = (rgba[0] * r, rgba[1] * g, rgba[2] * b, rgba[3]), None
         if image is None or corners is None:
@@ -246,17 +252,17 @@ class _Compiled:
         r, g, b, a = (float(v) for v in np.clip(found, 0.0, 1.0))
         return r, g, b, a
 
-    def _image(self, geom: int) -> np.ndarray | None:
+    def _image(self, geom: int) -> tuple[np.ndarray | None, bool]:
+        """Return the pixels of the texture of a geom, None without one, and whether they are one flat image."""
         m = self._model
         material = int(m.geom_matid[geom])
-        if material < 0:
-            return None
-        texture = int(m.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
-        if texture < 0 or int(m.tex_type[texture]) != int(mujoco.mjtTexture.mjTEXTURE_2D):
-            return None
+        texture = -1 if material < 0 else int(m.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)])
+        if texture < 0:
+            return None, False
         height, width, channels = (int(v[texture]) for v in (m.tex_height, m.tex_width, m.tex_nchannel))
         if channels < 3:
-            return None
+            return None, False
         start = int(m.tex_adr[texture])
         pixels = m.tex_data[start : start + height * width * channels].reshape(height, width, channels)
-        return np.ascontiguousarray(pixels[:, :, :3])
+        is_flat = int(m.tex_type[texture]) == int(mujoco.mjtTexture.mjTEXTURE_2D)
+        return np.ascontiguousarray(pixels[:, :, :3]), is_flat

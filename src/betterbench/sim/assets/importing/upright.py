@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from betterbench.errors import InvalidInputError
@@ -259,3 +260,20 @@ def footing(solid: Solid, *, upside_down: bool = False) -> float:
     directions = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     reach = ((base - middle[:2]) @ directions.T).max(axis=0).min()
     return float(max(reach, 0.0) / max(middle[2], 1e-6))
+
+
+def end_areas(solid: Solid, share: float) -> tuple[float, float]:
+    """Return the mean cross-section of the lower and of the upper end, with hollows filled [m^2].
+
+    Args:
+        solid: The object.
+        share: Height of an end as a share of the object's height.
+    """
+    layers = np.flatnonzero(solid.cells.any(axis=(0, 1)))
+    count = max(1, round(share * len(layers)))
+    areas = [
+        np.mean([ndimage.binary_fill_holes(solid.cells[:, :, k]).sum() for k in end])
+        for end in (layers[:count], layers[-count:])
+    ]
+    bottom, top = (float(area) * solid.pitch_m**2 for area in areas)
+    return bottom, top
