@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
 import pytest
 
 ItemT = TypeVar("ItemT")
+TestT = TypeVar("TestT", bound=Callable[..., None])
 
 VARIABLE = "BETTERBENCH_TEST_DAY"
 """Environment variable with the number of the day; the first process of a run sets it for all others."""
@@ -27,3 +28,10 @@ def others_slow(cases: Iterable[Any], parts: int, *, day: int = TODAY) -> list[A
     """Return the cases as parameters of a test; those that are not the part of today are slow tests."""
     listed = [case if isinstance(case, tuple) else (case,) for case in cases]
     return [pytest.param(*c, marks=() if i % parts == day % parts else pytest.mark.slow) for i, c in enumerate(listed)]
+
+
+def in_turn(number: int, parts: int, *, day: int = TODAY) -> Callable[[TestT], TestT]:
+    """Return the decorator of one of several similar tests: each is a slow test except every ``parts``-th day."""
+    if number % parts == day % parts:
+        return lambda test: test
+    return pytest.mark.slow

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import every_command, main
 from betterbench.errors import StorageError
@@ -19,6 +20,7 @@ from betterbench.records import RunFolder, read_record
 from betterbench.sim.worlds.installation import Installation
 from betterbench.tasks import all_tasks
 from betterbench.tasks.authoring.registry import SUITES
+from betterbench.tasks.trial import Trial
 
 
 def run(capsys, *arguments):
@@ -58,6 +60,17 @@ def small_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli") / "run"
     arguments = ["--policy", "zoo:lexical", "--tasks", "morning_coffee", "--variations", "L1", "T1", "--trials", "1"]
     assert main(["eval", *arguments, "--quality", "fast", "--workers", "1", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def brief_run(tmp_path_factory):
+    """The trials of ``small_run`` without T1, ended after 3 s: a video of them has a tenth of the frames."""
+    folder = tmp_path_factory.mktemp("cli") / "brief"
+    arguments = ["--policy", "zoo:lexical", "--tasks", "morning_coffee", "--variations", "L1", "--trials", "1"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(60))
+        assert main(["eval", *arguments, "--quality", "fast", "--workers", "1", "--out", str(folder)]) == 0
     return folder
 
 
@@ -396,8 +409,8 @@ def test_replay_checks_bit_for_bit(capsys, small_run):
 
 
 @pytest.mark.render
-def test_a_record_becomes_a_video(capsys, small_run, tmp_path):
-    record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
+def test_a_record_becomes_a_video(capsys, brief_run, tmp_path):
+    record = brief_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     out = tmp_path / "l1.mp4"
     status, _, _ = run(capsys, "replay", str(record), "--out", str(out), "--size", "64")
     assert status == 0
@@ -405,12 +418,12 @@ def test_a_record_becomes_a_video(capsys, small_run, tmp_path):
 
 
 @pytest.mark.render
-def test_a_trial_is_filmed_beside_its_twin(capsys, small_run, tmp_path):
+def test_a_trial_is_filmed_beside_its_twin(capsys, brief_run, tmp_path):
     """The command of the report: both start images with their paths first, then as many frames as the longer trial."""
     import av
     import numpy as np
 
-    record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
+    record = brief_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     out = tmp_path / "twin.mp4"
     status, _, err = run(capsys, "replay", str(record), "--twin", "--size", "96", "--out", str(out))
     assert status == 0
@@ -420,7 +433,7 @@ def test_a_trial_is_filmed_beside_its_twin(capsys, small_run, tmp_path):
     wide = images[0].shape[1]
     assert wide > 2 * 96
     trial = read_record(record)
-    twin = RunFolder.open(small_run).read_record("morning_coffee", str(trial.metadata.base_condition), 0)
+    twin = RunFolder.open(brief_run).read_record("morning_coffee", str(trial.metadata.base_condition), 0)
     lasting_s = (max(len(trial), len(twin)) - 1) / twin.metadata.control_rate_hz
     assert abs(len(images) / 10 - 2.0 - lasting_s) < 0.5
     for half in (images[0][:, : wide // 2], images[0][:, wide // 2 :]):
@@ -443,8 +456,8 @@ def test_show_writes_a_image(capsys, tmp_path):
 
 
 @pytest.mark.render
-def test_report_is_one_page(capsys, small_run, tmp_path):
-    status, out, _ = run(capsys, "report", str(small_run), "--out", str(tmp_path), "--films", "1")
+def test_report_is_one_page(capsys, brief_run, tmp_path):
+    status, out, _ = run(capsys, "report", str(brief_run), "--out", str(tmp_path), "--films", "1")
     assert status == 0
     page = (tmp_path / "index.html").read_text()
     assert out.strip().endswith("index.html")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.daily import others_slow
 
 PLACES = {
     "ascii": {"PYTHONIOENCODING": "ascii"},
@@ -48,7 +49,7 @@ def test_what_cannot_be_shown_is_replaced_to_the_end_of_the_process(verb):
     check("strict", better("strict", *verb.split()))
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("place", others_slow(PLACES, 2))
 def test_what_cannot_be_shown_is_replaced(place):
     """All verbs in one process, since each process takes half a second to import what it needs."""
     done = in_place(place, sys.executable, "-c", EACH, *VERBS)

@@ -20,6 +20,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.daily import others_slow
 from tests.demonstrations.shortcuts.strangers import make
 from tests.evaluation.conftest import in_few_steps
 from tests.generation.better_release.writing import lunch, write_task
@@ -342,7 +343,7 @@ def exported(made):
     return whole, time.monotonic() - began
 
 
-@pytest.mark.parametrize("at", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("at", others_slow([0.2, 0.5, 0.9], 3))
 def test_a_killed_export_is_written_whole_by_the_next(made, exported, tmp_path, at):
     (whole, took_s), out = exported, tmp_path / "out" / "out.json"
     command = [*EXPORT, str(made.run), "--out", str(out)]

@@ -46,6 +46,16 @@ SCRIPT = """
 import dataclasses, sys
 from pathlib import Path
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.tasks.trial import Trial
+
+resolved = Trial.resolve
+
+def brief(trial):
+    found = resolved(trial)
+    template = dataclasses.replace(found.task.template, base_steps=40, steps_per_subgoal=0, still_steps=40)
+    return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
+
+Trial.resolve = brief
 
 if __name__ == "__main__":
     plan = make_plan(

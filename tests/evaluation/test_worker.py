@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
@@ -382,7 +383,7 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
     assert {e.seed: e.status for e in again.entries()} == dict.fromkeys(range(4), "done")
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", others_slow([1, 2], 2))
 def test_a_server_that_is_gone_in_the_last_trial_stops_the_run_too(plugin, tiny_plan, tmp_path, workers):
     plan = tiny_plan(f"{plugin}:Gone", trials=3)
     with pytest.raises(PolicyUnavailableError, match="the server is gone"):

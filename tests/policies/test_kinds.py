@@ -26,7 +26,7 @@ from betterbench.policies.kinds import (
     register,
 )
 from betterbench.policies.kinds.kind import AT_ONCE
-from betterbench.records.run_names import BUILT_IN
+from betterbench.records.naming import BUILT_IN
 
 EACH_KIND = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 KINDS_FOLDER = Path(betterbench.__path__[0]) / "policies" / "kinds"

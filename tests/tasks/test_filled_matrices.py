@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Label, RunDiagnosis, diagnose_run
 from betterbench.evaluation import evaluate, make_plan
@@ -56,7 +57,9 @@ def labels_of(run: RunDiagnosis) -> dict[str, Label]:
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "failed"),
-    [("zoo:inertia", {"O6": INERTIA, "T7": INERTIA}), ("zoo:phase", {"T5": PHASE, "T7": PHASE}), ("expert", {})],
+    others_slow(
+        [("zoo:inertia", {"O6": INERTIA, "T7": INERTIA}), ("zoo:phase", {"T5": PHASE, "T7": PHASE}), ("expert", {})], 3
+    ),
 )
 def test_the_red_cells_of_the_paper(policy, failed, tmp_path):
     assert labels_of(run_of(policy, {"O6", "T5", "T7"}, tmp_path / "run")) == failed

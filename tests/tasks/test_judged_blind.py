@@ -1,4 +1,7 @@
-"""Scenes that were judged blind from image and instruction: the text files say how, and hold the judgments."""
+"""Scenes that were judged blind from image and instruction: the text files say how, and hold the judgments.
+
+The first set is checked each day, and each of the others every third day.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.daily import in_turn
 from tests.tasks.arranging import arranged, condition_of
 
 from betterbench.geometry import tilt_of, yaw_of
@@ -96,6 +100,7 @@ def test_without_next_to_a_person_accepts_what_lies_far_from_the_plate():
     assert len(far) >= 5
 
 
+@in_turn(1, 3)
 def test_scenes_posed_afterwards_agree_but_near_borders():
     """Eight differ, four of them things pushed by 4 to 5 cm: docs/sides.md lists them."""
     disagreed = [scene for scene in HELD_OUT if accepts(scene) is not scene.accepted]
@@ -104,6 +109,7 @@ def test_scenes_posed_afterwards_agree_but_near_borders():
     assert {scene.kind for scene in disagreed} <= {"beside", "on_plate", "harm"}
 
 
+@in_turn(1, 3)
 def test_goals_posed_by_chance_are_what_people_accept():
     goals = [scene for scene in BY_CHANCE if scene.kind != "harm"]
     disagreed = [scene for scene in goals if accepts(scene) is not scene.accepted]
@@ -111,6 +117,7 @@ def test_goals_posed_by_chance_are_what_people_accept():
     assert 1.0 - len(disagreed) / len(goals) >= LEAST_AGREEMENT, disagreed
 
 
+@in_turn(1, 3)
 def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
     """Four differ: things pushed by 4.9 to 9.5 cm, of which each judge but two was unsure."""
     harm = [scene for scene in BY_CHANCE if scene.kind == "harm"]
@@ -119,6 +126,7 @@ def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
     assert len(disagreed) <= 4, disagreed
 
 
+@in_turn(0, 3)
 def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
     """Of 63 scenes 13 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and five that docs/sides.md lists."""
     disagreed = [scene for scene in HARM if accepts(scene) is not scene.accepted]
@@ -128,6 +136,7 @@ def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
     assert len(disagreed) - len(pushed) <= 5, disagreed
 
 
+@in_turn(0, 3)
 def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
     """Three of 84 differ, and in each a judge is unsure: docs/sides.md lists them. Five did while drinks might lie."""
     disagreed = [scene for scene in AGAIN if accepts(scene) is not scene.accepted]
@@ -140,6 +149,7 @@ def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
     ]
 
 
+@in_turn(0, 3)
 def test_a_third_set_differs_only_where_the_judges_are_unsure():
     """Three of 65 differ, listed in docs/sides.md. Five did before cutlery was allowed to lie face down."""
     disagreed = [scene for scene in THIRD if accepts(scene) is not scene.accepted]
@@ -152,6 +162,7 @@ def test_a_third_set_differs_only_where_the_judges_are_unsure():
     ]
 
 
+@in_turn(2, 3)
 def test_a_fourth_set_near_the_borders_differs_only_where_the_judges_are_unsure():
     """Twelve of 60 differ; half lie close to a border. Fourteen did while cutlery had to lie flat on the table."""
     disagreed = [scene for scene in FOURTH if accepts(scene) is not scene.accepted]
@@ -162,6 +173,7 @@ def test_a_fourth_set_near_the_borders_differs_only_where_the_judges_are_unsure(
     assert all(s.accepted for s in disagreed)  # the program accepted nothing that people do not
 
 
+@in_turn(1, 3)
 def test_a_fifth_set_differs_in_one_scene_outside_the_image():
     """Three of 66 differed before plates could be 4.9 cm off center, and cutlery 0.5 cm from the edge of a plate."""
     disagreed = [scene for scene in FIFTH if accepts(scene) is not scene.accepted]
@@ -169,6 +181,7 @@ def test_a_fifth_set_differs_in_one_scene_outside_the_image():
     assert [(s.setting, s.pair, s.kind) for s in disagreed] == [("desk_meeting/O1", "mug > laptop", "beside, unsure")]
 
 
+@in_turn(2, 3)
 def test_a_sixth_set_differs_only_where_the_judges_are_unsure():
     """Three of 66 differ, and the program denies all three; docs/sides.md lists them."""
     disagreed = [scene for scene in SIXTH if accepts(scene) is not scene.accepted]

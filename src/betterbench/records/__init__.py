@@ -5,18 +5,26 @@
 - ``run``, ``journal``, ``scene_archive``: a run's folder, its finished trials, and its compiled scenes.
 - ``demonstration``, ``segmenting``, ``twins``: additional data of demonstrations.
 - ``modalities``: files with images, depth, masks and boxes of recorded states.
+
+Each public name is imported from its module at first use: a process that renders modalities needs no tasks and no
+Parquet.
 """
 
-from betterbench.records.builder import RecordBuilder
-from betterbench.records.columns import Contacts
-from betterbench.records.demonstration import Demonstrator, SkillWindow, SubgoalSegment
-from betterbench.records.journal import Journal, JournalEntry, TrialStatus, read_journal
-from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
-from betterbench.records.parquet import read_outcome, read_record, record_bytes, write_record
-from betterbench.records.record import Record
-from betterbench.records.run import RunFolder
-from betterbench.records.run_names import run_names, told_apart
-from betterbench.records.segmenting import subgoal_segments
+from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from betterbench.records.builder import RecordBuilder
+    from betterbench.records.columns import Contacts
+    from betterbench.records.demonstration import Demonstrator, SkillWindow, SubgoalSegment
+    from betterbench.records.journal import Journal, JournalEntry, TrialStatus, read_journal
+    from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
+    from betterbench.records.naming import run_names, told_apart
+    from betterbench.records.parquet import read_outcome, read_record, record_bytes, write_record
+    from betterbench.records.record import Record
+    from betterbench.records.run import RunFolder
+    from betterbench.records.segmenting import subgoal_segments
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -42,3 +50,20 @@ __all__ = [
     "told_apart",
     "write_record",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "builder": ("RecordBuilder",),
+            "columns": ("Contacts",),
+            "demonstration": ("Demonstrator", "SkillWindow", "SubgoalSegment"),
+            "journal": ("Journal", "JournalEntry", "TrialStatus", "read_journal"),
+            "metadata": ("SCHEMA_VERSION", "Outcome", "RecordMetadata", "Termination"),
+            "parquet": ("read_outcome", "read_record", "record_bytes", "write_record"),
+            "record": ("Record",),
+            "run": ("RunFolder",),
+            "naming": ("run_names", "told_apart"),
+            "segmenting": ("subgoal_segments",),
+        },
+    )

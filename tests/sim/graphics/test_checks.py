@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import GraphicsError, MissingDependencyError
 from betterbench.sim.graphics import back_ends, checks, gl_backend
@@ -63,14 +64,17 @@ def test_a_machine_without_opengl_is_told_what_to_install(clean):
 @pytest.mark.skipif(gl_backend() != "egl", reason="EGL is not installed")
 @pytest.mark.parametrize(
     ("verb", "name", "value"),
-    [
-        ("doctor", "MUJOCO_EGL_DEVICE_ID", "77"),
-        ("doctor", "PYOPENGL_PLATFORM", "osmesa"),
-        ("doctor --json", "MUJOCO_EGL_DEVICE_ID", "first"),
-        ("doctor --json", "MUJOCO_GL", "foo"),
-        ("show fast_food --out {out}", "MUJOCO_EGL_DEVICE_ID", "77"),
-        ("show fast_food --out {out}", "MUJOCO_GL", "foo"),
-    ],
+    others_slow(
+        [
+            ("doctor", "MUJOCO_EGL_DEVICE_ID", "77"),
+            ("doctor", "PYOPENGL_PLATFORM", "osmesa"),
+            ("doctor --json", "MUJOCO_EGL_DEVICE_ID", "first"),
+            ("doctor --json", "MUJOCO_GL", "foo"),
+            ("show fast_food --out {out}", "MUJOCO_EGL_DEVICE_ID", "77"),
+            ("show fast_food --out {out}", "MUJOCO_GL", "foo"),
+        ],
+        2,
+    ),
 )
 def test_every_verb_that_draws_names_the_variable_and_no_package(tmp_path, name, value, verb):
     environment = {k: v for k, v in os.environ.items() if k not in NAMES} | {"MUJOCO_GL": "egl", name: value}

@@ -14,6 +14,7 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
+from tests.daily import others_slow
 
 from betterbench.cli.main import EXIT_BAD_INPUT, main
 from betterbench.records.modalities.spec import ViewSpec
@@ -101,8 +102,12 @@ def test_a_record_away_from_its_run_is_named_with_the_cure(recorded, tmp_path, c
 
 
 def test_without_rerun_the_extra_is_named(recorded, tmp_path, monkeypatch):
+    ordinary = importlib.import_module
+
     def missing(name):
-        raise ModuleNotFoundError(name)
+        if name.startswith("rerun"):
+            raise ModuleNotFoundError(name)
+        return ordinary(name)
 
     monkeypatch.setattr(importlib, "import_module", missing)
     record = recorded.run.record_path("fast_food", "train1", 0)
@@ -141,7 +146,7 @@ def test_compressed_depth_is_that_of_the_modality_to_half_a_millimeter():
     assert not stored[1].any()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", others_slow([signal.SIGINT, signal.SIGTERM], 2))
 def test_an_interrupted_file_of_rerun_leaves_nothing(recorded, tmp_path, number):
     pytest.importorskip("rerun")
     record = recorded.run.record_path("fast_food", "train1", 0)

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from tests.daily import others_slow
 from tests.sim.robots.bench import Bench
 from tests.sim.robots.so101_table import TABLE, places, table
 
@@ -288,7 +289,9 @@ def solve(seed: int, space: str) -> tuple[bool, bool, str]:
     return success, carried, expert.ground_truth["mishap"]
 
 
-@pytest.mark.parametrize(("seed", "space"), [(0, "so101_degrees"), (2, "so101_normalized"), (9, "ee_delta")])
+@pytest.mark.parametrize(
+    ("seed", "space"), others_slow([(0, "so101_degrees"), (2, "so101_normalized"), (9, "ee_delta")], 3)
+)
 def test_the_expert_puts_a_lemon_into_a_box_with_its_own_motors(seed: int, space: str) -> None:
     assert solve(seed, space) == (True, True, "")
 

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from tests.daily import TODAY, part_of_today
+from tests.daily import TODAY, others_slow, part_of_today
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interface.state import CameraOffset, ViewJitter
@@ -69,7 +69,7 @@ SEEDS = 40
 """Seeds over which nearly every look and every room is met many times."""
 
 
-@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 2))
 def test_every_condition_is_framed_as_promised(task_id):
     """Each condition at one of the seeds, another one each day; the slow test has all of them."""
     found, task = [], get_task(task_id)

@@ -10,7 +10,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.records import Record, RunFolder
-from betterbench.records.run_names import run_names
+from betterbench.records.naming import run_names
 from betterbench.tasks import TrialId, suite_of
 from betterbench.tasks.worlds.calvin import Chain, ChainResult, SubtaskResult, calvin_chains
 from betterbench.tasks.worlds.facts import OUR_SUITE

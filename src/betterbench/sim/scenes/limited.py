@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, TypeAdapter
@@ -32,14 +32,15 @@ from betterbench.jobs.limited_process import (
     answer_requests,
 )
 from betterbench.json_form import read_form, strict_form
-from betterbench.records import Record, RunFolder
 from betterbench.records.modalities.spec import ViewSpec
 from betterbench.sim.graphics import next_device_variables
 from betterbench.sim.scenes.gl_context import renderer_fingerprint
 from betterbench.sim.scenes.sights import ModelFacts, StoredSights, sight_type
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.sim.scenes.stored import StoredView, load_model
-from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:
+    from betterbench.records import Record, RunFolder
 
 MAX_MEMORY_BYTES = 16 * 1024**3
 """Address space of the process [byte]; the software renderer maps 4 GB of it."""
@@ -134,6 +135,8 @@ class LimitedView:
 
         Raises the same errors as :meth:`open`.
         """
+        from betterbench.tasks import TrialId  # noqa: PLC0415 - takes 0.1 s, which the rendering process does not need
+
         m = record.metadata
         digest = run.scene_digest(TrialId(m.task, m.condition, m.seed))
         scene = (m.scene_hash, digest or str(run.path))

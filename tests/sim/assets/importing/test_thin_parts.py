@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from tests.daily import in_turn
 
 from betterbench.sim.assets.importing.appearance import (
     LOST_SHARE,
@@ -46,6 +47,7 @@ def sampled(points, faces, count):
     return np.einsum("kc,ckd->kd", weights, np.stack([a, b, c])[:, owners])
 
 
+@in_turn(0, 2)
 def test_no_wire_is_lost():
     points, faces = grid(20, 8, 0.0015)
     assert len(faces) > 1.5 * THIN_FACE_BUDGET
@@ -73,6 +75,7 @@ def basket(radius=0.09, height=0.08, wire=0.0015):
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 
 
+@in_turn(1, 2)
 def test_a_wire_basket_keeps_its_hoops_and_its_opening():
     points, faces = basket()
     solid = solid_of(points, faces)
