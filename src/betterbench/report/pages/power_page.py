@@ -212,7 +212,7 @@ def _ceilings(matrix: PowerMatrix) -> Table:
 def _limits(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), not_shown(matrix, key)) for key in matrix.variations if _axis(key) is not None]
     caption = (
-        f"A pass does not show an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
+        f"A pass does not prove an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
         f"trials, or more than {100 * REPLAY_LIMIT:.0f} % if the policy moves without looking."
     )
     return Table("Abilities that a pass does not show", caption, ("variation", "limits"), tuple(rows))
