@@ -223,11 +223,9 @@ def write(out: Path) -> None:
 
 def _uses() -> str:
     """Return the table of the parts that were used once, indented to match the list that contains it."""
-    lines = [
-        "| part | correct label | correct kind | correct label, trials without a grasp attempt "
-        "| reasoning failures found in trials without a fault | correct label with the present version |",
-        "|---|---|---|---|---|---|",
-    ]
+    columns = ("part", "correct label", "correct kind", "correct label, trials without a grasp attempt")
+    columns += ("reasoning failures found in trials without a fault", "correct label with the present version")
+    lines = [f"| {' | '.join(columns)} |", "|---|---|---|---|---|---|"]
     for family, now in USES.items():
         found = packaged_calibration(family)
         if found is None:
