@@ -30,8 +30,10 @@ def measured(key, **cells):
         (
             ("fruit_lunch", "T1"),
             {"deaf": (4, 8), "replay": (3, 7), "blind": (2, 7)},
-            "without looking at the scene (`probe:no-images` passes 2 of 7 trials, "
-            "`probe:replay` passes 3 of 7 trials).",
+            (
+                "without looking at the scene (`probe:no-images` passes 2 of 7 trials, "
+                "`probe:replay` passes 3 of 7 trials)."
+            ),
         ),
     ],
 )
