@@ -10,6 +10,7 @@ from pathlib import Path
 from betterbench.diagnosis.measures.power_matrix import (
     BLIND,
     FLOOR,
+    STOPPING_AT_NEWS,
     BlindCell,
     Key,
     PowerCell,
@@ -80,9 +81,11 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
     told = len(keys) - len(control)
     replayed = [key for key in keys if _solved(matrix.cell(BLIND[2], key))]
     all_of_them = plural(len(keys), "variation")
-    failed = f"{told} of {all_of_them} are failed by a rule, not counting the rule that stops at new combinations"
+    failed = f"At least one rule fails {told} of {all_of_them}, without counting {STOPPING_AT_NEWS}, which "
+    failed += "stops at every new combination"
     if control:
-        failed += f"; {plural(len(control), 'control cell')}, where the rules should succeed: {listed(control)}"
+        failed += f". There {'is' if len(control) == 1 else 'are'} {plural(len(control), 'control cell')}, where the "
+        failed += f"rules should succeed: {listed(control)}"
     blindly = (
         f"A demonstration replayed without looking solves more than {100 * REPLAY_LIMIT:.0f} % of the trials on "
         f"{len(replayed)} of {all_of_them}"
