@@ -190,7 +190,7 @@ def _template_section(template: Template) -> list[str]:
     return [
         f"## {template.title}",
         "",
-        f"`{template.name}`. {template.description} {template.challenge}",
+        f"`{template.name}`. {template.description} The main difficulty is {_lower_first(template.challenge)}",
         "",
         _row(["group", "meaning", "allowed types", "count"]),
         _row(["---"] * 4),
@@ -207,6 +207,10 @@ def _template_section(template: Template) -> list[str]:
             "stay still"
         ),
     ]
+
+
+def _lower_first(text: str) -> str:
+    return text[:1].lower() + text[1:]
 
 
 def _definition(name: str) -> str:
