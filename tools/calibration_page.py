@@ -223,8 +223,14 @@ def write(out: Path) -> None:
 
 def _uses() -> str:
     """Return the table of the parts that were used once, indented to match the list that contains it."""
-    columns = ("part", "correct label", "correct kind", "correct label, trials without a grasp attempt")
-    columns += ("reasoning failures found in trials without a fault", "correct label with the present version")
+    columns = [
+        "part",
+        "correct label",
+        "correct kind",
+        "correct label, trials without a grasp attempt",
+        "reasoning failures found in trials without a fault",
+        "correct label with the present version",
+    ]
     lines = [f"| {' | '.join(columns)} |", "|---|---|---|---|---|---|"]
     for family, now in USES.items():
         found = packaged_calibration(family)
@@ -252,8 +258,8 @@ def _mistakes(found: Calibration, family: str, out: Path) -> str:
     """Return the wrong labels of a family, each with its film strip if there is one."""
     lines = []
     for number, j in enumerate(found.wrong):
-        found = f"The true label is {label_name(j.truth)}; the diagnosis gave {label_name(j.label)}."
-        lines.append(f"**{j.trial}**, `{j.policy}`. {found}")
+        labels = f"The true label is {label_name(j.truth)}; the diagnosis gave {label_name(j.label)}."
+        lines.append(f"**{j.trial}**, `{j.policy}`. {labels}")
         lines += [j.text] + ([f"Debatable: {j.debatable}."] if j.debatable else [])
         picture = strip_of(out, family, number)
         lines += ["", *([f"![film strip of {j.trial}]({picture.relative_to(out)})"] if picture.is_file() else []), ""]
