@@ -110,7 +110,8 @@ def fruit_basket() -> a.Task:
 
     "All the fruits" means the fruits in the scene. If a fruit is absent, the instruction has no step for this fruit.
 
-    Randomizations: each object is within 10 mm and 9 degrees of its slot, the basket within 5 mm. The looks of all objects vary.
+    Randomizations: each object is within 10 mm and 9 degrees of its slot, the basket within 5 mm.
+    The looks of all objects vary.
     Success: in O3, O4, O5 and O9, the premise is broken, and no behavior counts as a failure.
     """
     in_basket, gone = a.preplace(MANGOSTEEN, BASKET), a.remove(MANGOSTEEN)
