@@ -158,9 +158,10 @@ def blind_table(matrix: PowerMatrix) -> Table:
             marks.append(_count(cell) + mark)
         rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))
     caption = (
-        f"Successes out of trials. {RAW} above chance at 5 % only before the correction, {CORRECTED} also after "
-        f"Holm's correction over all cells. For `{BLIND[0]}`, chance is the rate of guessing the instruction among "
-        f"those that make sense in the scene; for pretenders that move without looking, {100 * REPLAY_LIMIT:.0f} %."
+        f"Each cell gives the number of successes out of all trials. {RAW} marks cells that are above chance at 5 % "
+        f"only before the correction, and {CORRECTED} marks those that are also above chance after Holm's correction "
+        f"over all cells. For `{BLIND[0]}`, chance is the rate of guessing the instruction among those that make sense "
+        f"in the scene; for pretenders that move without looking, it is {100 * REPLAY_LIMIT:.0f} %."
     )
     return Table(
         "Variations that can be solved blind",
@@ -181,10 +182,10 @@ def _overall(matrix: PowerMatrix) -> Table:
         trials, shared = sum(c.n for _, c in cells), sum(c.shared for _, c in cells)
         rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
     caption = (
-        "Mean success over the variations in percent, each with the same weight. If a rule agrees with all decisions "
-        "of the expert in a trial, the episode would be identical: the trial gets the expert's outcome and is counted "
-        "as shared. Every other trial was simulated. First right: share of trials with a correct first grasp "
-        "attempt, or correctly without one."
+        "The table gives the mean success over the variations in percent, each with the same weight. If a rule agrees "
+        "with all decisions of the expert in a trial, the episode would be identical, so the trial gets the expert's "
+        "outcome and is counted as shared. Every other trial was simulated. The column 'first right' gives the share "
+        "of trials with a correct first grasp attempt, or with no attempt if that is correct."
     )
     columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")
     return Table("The pretenders over the suite", caption, columns, tuple(rows))
@@ -192,7 +193,10 @@ def _overall(matrix: PowerMatrix) -> Table:
 
 def _rules(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), *(_count(matrix.cell(name, key)) for name in matrix.rules)) for key in matrix.variations]
-    caption = "Successes out of trials of every faulty rule at full strength, with the expert's motion."
+    caption = (
+        "Each cell gives the number of successes out of all trials, for faulty rules at full strength with the "
+        "expert's motion."
+    )
     names = (f"`{name.rpartition(':')[2]}`" for name in matrix.rules)
     return Table("The faulty rules by variation", caption, ("variation", *names), tuple(rows))
 
