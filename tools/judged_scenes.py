@@ -21,6 +21,17 @@ A set as a person would pose it to check the program has few scenes near a borde
 
 Then the other scenes are ordinary: in each second one, the step is done (or nothing was harmed) within the first fifth
 of the line, and in the rest it is not, within the last fifth.
+
+Scenes written by hand, for example by a person who does not know the rules, are drawn by a third command. It computes
+no verdict of the program; ``judge`` does, after the votes were given::
+
+    python tools/judged_scenes.py pose SCENES.txt OUT --seed 1
+
+Each line of the file is one scene, in the form of ``tests/tasks/judged_*.txt`` without votes and instruction. The kind
+is a relation or "harm", and a harm scene has "-" for the object, the target and the region::
+
+    beside | breakfast_table/train1 | fork > plate | left | fork plate.left z=2 turn=90 settle
+    harm | breakfast_table/train1 | - | - | fork plate.left z=2; cup plate.upper_right z=2; jam from y=30 settle
 """
 
 from __future__ import annotations
@@ -76,6 +87,7 @@ POSTURES = (
     *("on another piece", "face down", "reversed", "slanted"),
 )
 """Postures of cutlery, in the order in which they are posed."""
+HARM_QUESTION = "The instruction was carried out. Is all well with everything else?"
 HOW = """# How to judge these scenes
 
 You are a judge. Look only at the pictures and at `scenes.tsv` in this folder. Judge alone.
@@ -147,14 +159,19 @@ class Question:
 
     def accepted(self, t: float) -> bool:
         """Return the verdict of the program at a point of the line."""
-        start, state = arranging.arranged(self.setting, self.at(t))
-        if self.kind != "harm":
-            return relation(self.kind).holds(state, self.thing, self.target, self.region)
-        condition = arranging.condition_of(self.setting)
-        tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
-        for seen in (start, *[state] * 6):  # at rest for a quarter of a second
-            tracker.update(seen)
-        return not tracker.harm
+        return accepts(hidden_row("", self, t))
+
+
+def accepts(row: Mapping[str, str]) -> bool:
+    """Return the verdict of the program on a hidden row: the step is done, or for "harm" nothing was harmed."""
+    start, state = arranging.arranged(row["setting"], row["arrangement"])
+    if row["kind"] != "harm":
+        return relation(row["kind"]).holds(state, row["thing"], row["target"], row["region"])
+    condition = arranging.condition_of(row["setting"])
+    tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
+    for seen in (start, *[state] * 6):  # at rest for a quarter of a second
+        tracker.update(seen)
+    return not tracker.harm
 
 
 class Poser:
@@ -249,8 +266,7 @@ class Poser:
         if task_id == "office_drawer":
             drawers = [Pose(t, "from", {"open": 0.0}) for t in sorted(targets) if t in ("upper", "lower")]
             done = [*drawers, *done]
-        question = "The instruction was carried out. Is all well with everything else?"
-        return Question("harm", setting, "-", "-", "-", (moved, *done), condition.instruction.text, question)
+        return Question("harm", setting, "-", "-", "-", (moved, *done), condition.instruction.text, HARM_QUESTION)
 
     def done(self, setting: str, goal: Subgoal, thing: str, below: str) -> Pose:
         """Return the clause of a step that is done well."""
@@ -508,23 +524,106 @@ def draw(
     for number, k in enumerate(order, start=1):
         question, t, border = found[int(k)]
         name = f"{number:03d}"
-        row = {n: str(getattr(question, n)) for n in SHARED_FIELDS}
-        shown_kind = "harm" if question.kind == "harm" else "goal"
-        rows.append(
-            {"number": name, "kind": shown_kind, "instruction": row["instruction"], "question": question.question}
-        )
-        row = {"number": name, **row, "arrangement": question.at(t)}
+        rows.append(shown_row(name, question))
         verdict = "y" if question.accepted(t) else "n"
-        verdicts.append(
-            {**row, "program": verdict, "t": f"{t:.3f}", "border": "" if border is None else f"{border:.3f}"}
-        )
+        ends = {"program": verdict, "t": f"{t:.3f}", "border": "" if border is None else f"{border:.3f}"}
+        verdicts.append({**hidden_row(name, question, t), **ends})
         if workers is None:
             picture(question, question.at(t), name).save(shown / f"{name}.png")
+    write_set(out, rows, verdicts)
+
+
+def shown_row(name: str, question: Question) -> dict[str, str]:
+    """Return the row of a scene in the table for the judges."""
+    kind = "harm" if question.kind == "harm" else "goal"
+    return {"number": name, "kind": kind, "instruction": question.instruction, "question": question.question}
+
+
+def hidden_row(name: str, question: Question, t: float) -> dict[str, str]:
+    """Return the row of a scene in the hidden table, without a verdict."""
+    shared = {n: str(getattr(question, n)) for n in SHARED_FIELDS}
+    return {"number": name, **shared, "arrangement": question.at(t), "program": ""}
+
+
+def write_set(out: Path, rows: Sequence[Mapping[str, str]], hidden: Sequence[Mapping[str, str]]) -> None:
+    """Write the tables of a set whose pictures are there, and the text for the judges."""
+    shown = out / "for_judges"
     write_table(shown / "scenes.tsv", rows)
-    write_table(hidden / "verdicts.tsv", verdicts)
+    write_table(out / "hidden" / "verdicts.tsv", hidden)
     (shown / "HOW.md").write_text(HOW, encoding="utf-8")
     for path in shown.iterdir():  # the order in which pictures were written would tell what was posed
         os.utime(path, (0.0, 0.0))
+
+
+def read_scenes(path: Path) -> Iterator[Question]:
+    """Yield the scenes that a person wrote, one per line; blank lines and lines that start with "#" are left out.
+
+    Raises:
+        ValueError: A line does not have five parts, or its condition has no such step.
+    """
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        parts = [part.strip() for part in line.split("|")]
+        if len(parts) != 5:
+            raise ValueError(
+                f"{path}:{number}: expected kind | task/condition | object > target | region | arrangement, "
+                f"got {len(parts)} parts"
+            )
+        kind, setting, pair, region, arrangement = parts
+        try:
+            yield written_question(kind, setting, pair, "" if region == "-" else region, arrangement)
+        except ValueError as error:
+            raise ValueError(f"{path}:{number}: {error}") from error
+
+
+def written_question(kind: str, setting: str, pair: str, region: str, arrangement: str) -> Question:
+    """Return the question about an arrangement that a person wrote."""
+    clauses = tuple(
+        Pose(c.thing, c.place, c.numbers, {}, tuple(sorted(c.flags - {"settle"})))
+        for c in arranging.clauses_of(arrangement)
+    )
+    condition = arranging.condition_of(setting)
+    names = {o.name for o in condition.objects}
+    unknown = sorted({c.thing for c in clauses} - names)
+    if unknown:
+        raise ValueError(f"{setting} has no object {unknown[0]!r}; it has {', '.join(sorted(names))}")
+    text = condition.instruction.text
+    if kind == "harm":
+        return Question(kind, setting, "-", "-", "-", clauses, text, HARM_QUESTION)
+    steps = {(g.relation, f"{t} > {g.target}", g.region): (g, t, below) for g, t, below in steps_of(condition)}
+    if (kind, pair, region) not in steps:
+        found = "; ".join(f"{k} | {p} | {r or '-'}" for k, p, r in steps)
+        raise ValueError(f"{setting} has no step {kind} | {pair} | {region or '-'}; it has {found}")
+    goal, thing, below = steps[kind, pair, region]
+    words = step_words(condition, goal, thing, below)
+    return Question(kind, setting, thing, goal.target, region, clauses, text, words)
+
+
+def pose(path: Path, out: Path, seed: int) -> Iterator[str]:
+    """Write the pictures of scenes that a person wrote, in a random order and without verdicts; yield warnings.
+
+    Args:
+        path: File of the scenes, see :func:`read_scenes`.
+        out: Folder of the set.
+        seed: Seed of the order.
+    """
+    for folder in (out / "for_judges", out / "hidden"):
+        folder.mkdir(parents=True, exist_ok=True)
+    questions = list(read_scenes(path))
+    order = [int(k) for k in stream("judged_scenes", seed, "posed").permutation(len(questions))]
+    names = {k: f"{number:03d}" for number, k in enumerate(order, start=1)}
+    for k, question in enumerate(questions):
+        fault = fault_of(question.setting, question.at(0.0))
+        if fault:
+            place = f"scene {names[k]}, number {k + 1} in {path.name}"
+            yield f"{place}: {fault}. Check in its picture that this is intended."
+        picture(question, question.at(0.0), names[k]).save(out / "for_judges" / f"{names[k]}.png")
+    write_set(
+        out,
+        [shown_row(names[k], questions[k]) for k in order],
+        [hidden_row(names[k], questions[k], 0.0) for k in order],
+    )
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
@@ -533,6 +632,12 @@ def write_table(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
         table = csv.DictWriter(file, list(rows[0]), delimiter="\t", lineterminator="\n")
         table.writeheader()
         table.writerows(rows)
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table that :func:`write_table` wrote."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
 
 
 def picture(question: Question, arrangement: str, number: str) -> Image.Image:
@@ -630,13 +735,15 @@ def moved_camera(
 
 def judge(out: Path, answers: Sequence[Path]) -> Iterator[str]:
     """Yield the agreement of the program with the majority, and the scenes as lines of ``judged_*.txt``."""
-    with (out / "hidden" / "verdicts.tsv").open(encoding="utf-8", newline="") as file:
-        scenes = list(csv.DictReader(file, delimiter="\t"))
+    scenes = read_table(out / "hidden" / "verdicts.tsv")
     judges = [dict(read_answers(path)) for path in answers]
     for path, answer in zip(answers, judges, strict=True):
         for row in scenes:
             if row["number"] not in answer:
                 raise ValueError(f"{path}: no answer for scene {row['number']}")
+    for row in scenes:
+        if not row["program"]:  # the scene was posed by hand
+            row["program"] = "y" if accepts(row) else "n"
     same: Counter[str] = Counter()
     total: Counter[str] = Counter()
     for row in scenes:
@@ -678,7 +785,7 @@ def share(text: str) -> Fraction:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw scenes, or compare answers with the program."""
+    """Draw scenes, show written ones, or compare answers with the program."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     verbs = parser.add_subparsers(dest="verb", required=True)
     drawing = verbs.add_parser("draw", help="pose scenes")
@@ -697,6 +804,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     drawing.add_argument(
         "--workers", type=int, default=None, help="number of processes; each scene then has its own random numbers"
     )
+    posing = verbs.add_parser("pose", help="show scenes that a person wrote, without verdicts of the program")
+    posing.add_argument("scenes", type=Path, help="file with one scene per line")
+    posing.add_argument("out", type=Path)
+    posing.add_argument("--seed", type=int, required=True, help="seed of the order of the scenes")
     judging = verbs.add_parser("judge", help="compare answers with the program")
     judging.add_argument("out", type=Path)
     judging.add_argument("answers", type=Path, nargs="+", help="one file per judge")
@@ -710,9 +821,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             cutlery=wanted.cutlery,
             workers=wanted.workers,
         )
-    else:
-        for line in judge(wanted.out, wanted.answers):
-            print(line)
+        return
+    if wanted.verb == "pose":
+        for line in pose(wanted.scenes, wanted.out, wanted.seed):
+            print(line, file=sys.stderr)
+        return
+    for line in judge(wanted.out, wanted.answers):
+        print(line)
 
 
 if __name__ == "__main__":

@@ -16,9 +16,10 @@ from tests.real.sheet_scene import mount_at, rendered, sheet_picture
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.interface.actions import SO101_DEGREES
+from betterbench.real.sheet import annotated as annotated_module
 from betterbench.real.sheet import camera_pose, images
 from betterbench.real.sheet.camera_pose import correction_of, measure_camera, mounted, twin_camera
-from betterbench.real.sheet.layout import MARKERS_MM, SHEET, TILES
+from betterbench.real.sheet.layout import MARKERS_MM, SHEET, TILES, corners_mm
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.cameras import camera_matrices
 from betterbench.tasks.interventions.resolve import resolve_condition
@@ -83,7 +84,7 @@ def test_known_poses_are_measured_to_millimeters(pictures, name):
     assert off_deg < 0.2
     assert abs(found.pose.fovy_deg - POSES[name].fovy_deg) < 0.4
     assert found.error_px < 0.8
-    assert len(found.markers) >= 9
+    assert len(found.corners_px) >= 9
     fixed_mm, fixed_deg, _ = errors_of(pictures[name], POSES[name], fovy_deg=POSES[name].fovy_deg)
     assert fixed_mm < 4.0
     assert fixed_deg < 0.2
@@ -318,6 +319,36 @@ def test_the_command_says_how_far_and_which_way(pictures, tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["real", "check-cameras", write(tmp_path / "c.png", pictures["wide"]), "--ruler-mm", "100"])
     assert "The lens is wider than the twin's" in capsys.readouterr().out
+
+
+def test_the_command_draws_what_it_found_and_the_places_of_the_twin(pictures, tmp_path, capsys):
+    moved, out = write(tmp_path / "moved.png", pictures["moved"]), tmp_path / "seen.png"
+    words = ["real", "check-cameras", moved, "--ruler-mm", "100", "--out", str(out)]
+    with pytest.raises(SystemExit):
+        main(words)
+    assert f"wrote {out}" in capsys.readouterr().err
+    drawn = np.asarray(Image.open(out).convert("RGB")).astype(int)
+    assert drawn.shape[1] == 640
+    assert drawn.shape[0] > 480  # a legend below the image
+    found = measure_camera(pictures["moved"])
+    for corners in found.corners_px.values():  # the outline of a marker runs through its corners
+        for u, v in corners.round().astype(int):
+            near = drawn[max(v - 2, 0) : v + 3, max(u - 2, 0) : u + 3].reshape(-1, 3)
+            assert np.abs(near - [40, 220, 90]).sum(axis=1).min() < 60
+    (tmp_path / "other.png").write_bytes(b"mine")
+    assert main([*words[:-1], str(tmp_path / "other.png")]) != 0
+    assert (tmp_path / "other.png").read_bytes() == b"mine"
+    assert main([*words[:-1], str(tmp_path / "seen.gif")]) == 2
+    assert "ends with .png or .jpg" in " ".join(capsys.readouterr().err.split())
+
+
+def test_in_the_image_of_a_placed_camera_both_outlines_of_a_marker_are_the_same(pictures):
+    found = measure_camera(pictures["placed"])
+    off = []
+    for marker, corners in found.corners_px.items():
+        points = np.column_stack([0.001 * corners_mm(marker), np.zeros(4)])
+        off.append(np.abs(annotated_module._seen(points, twin_camera(), (480, 640)) - corners).max())
+    assert max(off) < 2.0
 
 
 def test_the_command_refuses_what_is_no_image(tmp_path, capsys):

@@ -192,3 +192,65 @@ def test_an_answer_that_is_missing_is_named(scenes, posed):
     file = answers(posed, "1.tsv", "y\tsure")
     with pytest.raises(ValueError, match=r"1\.tsv: no answer for scene 002"):
         list(scenes.judge(posed, [file]))
+
+
+WRITTEN = """# written by hand
+
+beside | breakfast_table/train1 | fork > plate | left | fork plate.left z=2 turn=5 settle
+beside | breakfast_table/train1 | fork > plate | left | fork plate.left x=-200 z=2 flip settle
+harm | breakfast_table/train1 | - | - | fork plate.left z=2; cup plate.upper_right z=2; jam from x=100 z=1 settle
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    (tmp_path / "scenes.txt").write_text(WRITTEN)
+    return tmp_path / "scenes.txt"
+
+
+def test_a_written_scene_is_read(scenes, written):
+    near, far, harm = scenes.read_scenes(written)
+    assert (near.thing, near.target, near.region) == ("fork", "plate", "left")
+    assert near.question.startswith("Is this step done: the fork is next to the plate on the left")
+    assert far.at(0.0) == "fork plate.left x=-200.0 z=2.0 flip settle"
+    assert (harm.kind, harm.thing, harm.question) == ("harm", "-", scenes.HARM_QUESTION)
+    assert len(harm.clauses) == 3
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("beside | breakfast_table/train1 | fork > plate", r"3 parts"),
+        (
+            "beside | breakfast_table/train1 | spoon > plate | right | spoon plate.right settle",
+            r"scenes\.txt:1: .*has no step beside \| spoon > plate \| right; it has beside \| fork > plate \| left",
+        ),
+        (
+            "beside | breakfast_table/train1 | fork > plate | left | knife plate.left settle",
+            r"has no object 'knife'; it has bowl, cup",
+        ),
+    ],
+)
+def test_a_wrong_line_is_named(scenes, tmp_path, line, message):
+    (tmp_path / "scenes.txt").write_text(line + "\n")
+    with pytest.raises(ValueError, match=message):
+        list(scenes.read_scenes(tmp_path / "scenes.txt"))
+
+
+@pytest.mark.render
+def test_written_scenes_are_shown_without_verdicts_which_are_computed_when_they_are_judged(
+    scenes, written, tmp_path, capsys, monkeypatch
+):
+    out = tmp_path / "set"
+    with monkeypatch.context() as blind:
+        blind.setattr(scenes, "accepts", lambda *_: pytest.fail("the verdict of the program was computed"))
+        scenes.main(["pose", str(written), str(out), "--seed", "1"])
+    assert capsys.readouterr().err == ""
+    assert sorted(p.name for p in (out / "for_judges").iterdir()) == [
+        *("001.png", "002.png", "003.png", "HOW.md", "scenes.tsv")
+    ]
+    hidden = scenes.read_table(out / "hidden" / "verdicts.tsv")
+    assert {row["program"] for row in hidden} == {""}
+    votes = ["y\tsure" if "turn=5.0" in row["arrangement"] else "n\tsure" for row in hidden]
+    lines = list(scenes.judge(out, [answers(tmp_path, "1.tsv", *votes)]))
+    assert "# all: 3/3" in [line.partition(" agree")[0] for line in lines]

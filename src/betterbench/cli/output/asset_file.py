@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from betterbench.cli.console import say
-from betterbench.errors import InvalidInputError
+from betterbench.cli.output.picture_file import picture_file
 
 if TYPE_CHECKING:
     from betterbench.sim.assets.catalogue.search import Hit
@@ -18,17 +17,7 @@ def write_sheet(hits: Sequence[tuple[str, Hit]], out: Path, *, overwrite: bool) 
     from PIL import Image
 
     from betterbench.cli.output.asset_sheet import asset_sheet
-    from betterbench.evaluation.figures.show import image_file
-    from betterbench.jobs import write_durably
-    from betterbench.jobs.outputs import OutputFile, mark_of
 
-    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InvalidInputError(
-            "--out", f"{out} ends with {out.suffix!r}", "Choose a file name that ends with .png or .jpg"
-        )
-    if not hits:
-        return
-    with OutputFile(out, "assets", overwrite=overwrite):
-        sheet = Image.fromarray(asset_sheet(hits))
-        write_durably(out, image_file(sheet, out.suffix, remark=mark_of("assets")))
-    say(f"wrote {out}", whole=True)
+    with picture_file(out, "assets", overwrite=overwrite) as write:
+        if hits:
+            write(Image.fromarray(asset_sheet(hits)), ())

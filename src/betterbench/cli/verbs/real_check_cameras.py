@@ -22,6 +22,8 @@ def check_cameras_command(
     camera: str = "",
     camera_size: tuple[int, int] = (640, 480),
     fovy_deg: float | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Measure where the real front camera stands, with the marker sheet on the table, and how to move it.
@@ -40,8 +42,12 @@ def check_cameras_command(
         camera: Index or path of the live camera, as in better real run.
         camera_size: Width and height of its images in pixels.
         fovy_deg: Vertical field of view of the lens in degrees, if it is known; by default it is measured, too.
+        out: PNG or JPEG file to write: the image with the markers as found, and where the twin's camera would see them.
+        overwrite: Replace a file that better real check-cameras did not write.
         json: Print one JSON document.
     """
+    from betterbench.cli.output.picture_file import picture_file
+    from betterbench.real.sheet.annotated import annotated
     from betterbench.real.sheet.camera_pose import correction_of, measure_camera, twin_camera
     from betterbench.real.sheet.images import image_of, live_image
 
@@ -53,11 +59,14 @@ def check_cameras_command(
     image = live_image(camera, camera_size) if camera else image_of(images[0])
     found = measure_camera(image, ruler_mm=ruler_mm, fovy_deg=fovy_deg)
     twin = twin_camera()
+    if out is not None:
+        with picture_file(out, "real check-cameras", overwrite=overwrite) as write:
+            write(annotated(image, found, twin), ())
     correction = correction_of(found.pose, twin)
     notes = [note for note in (correction.lens_sentence, *_notes(image.shape[1], image.shape[0], found.pose)) if note]
     if json:
         form: dict[str, Any] = {
-            "markers": list(found.markers),
+            "markers": list(found.corners_px),
             "reprojection_error_px": found.error_px,
             "position_m": found.pose.position_m.tolist(),
             "position_spread_m": found.spread_m,
@@ -78,7 +87,7 @@ def check_cameras_command(
         ahead = "ahead of" if x >= 0.0 else "behind"
         where = f"{abs(x):.1f} cm {ahead} the arm, {abs(y):.1f} cm to its {side}, {z:.1f} cm high"
         lines = [
-            f"markers       {len(found.markers)} found, reprojection error {found.error_px:.2f} px",
+            f"markers       {len(found.corners_px)} found, reprojection error {found.error_px:.2f} px",
             f"camera        {where} (standard deviation {100.0 * found.spread_m:.1f} cm)",
             f"lens          {found.pose.fovy_deg:.1f} degrees vertically; the twin's has {twin.fovy_deg:.1f}",
             f"off the twin  {100.0 * correction.distance_m:.1f} cm and {correction.angle_deg:.1f} degrees",

@@ -9,7 +9,6 @@ import tyro
 
 from betterbench.cli.console import say
 from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot
-from betterbench.errors import InvalidInputError
 
 
 def show_command(
@@ -33,21 +32,15 @@ def show_command(
         arm: The robot.
         overwrite: Replace a file that better show did not write.
     """
+    from betterbench.cli.output.picture_file import picture_file
     from betterbench.evaluation import show_comparison, show_training
-    from betterbench.evaluation.figures.show import image_file, shown_credits
-    from betterbench.jobs import write_durably
-    from betterbench.jobs.outputs import OutputFile, mark_of
+    from betterbench.evaluation.figures.show import shown_credits
 
-    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InvalidInputError(
-            "--out", f"{out} ends with {out.suffix!r}", "Choose a file name that ends with .png or .jpg"
-        )
     task, _, name = what.partition("/")
-    with OutputFile(out, "show", overwrite=overwrite):
+    with picture_file(out, "show", overwrite=overwrite) as write:
         options: dict[str, Any] = {"seed": seed, "size": size, "robot": arm.of([task])}
         image = show_comparison(task, name, **options) if name else show_training(task, **options)
         lines = shown_credits(task, name or None)
-        write_durably(out, image_file(image, out.suffix, remark="\n".join([mark_of("show"), *lines])))
-    say(f"wrote {out}", whole=True)
+        write(image, lines)
     for line in lines:
         say(f"assets: {line}")

@@ -72,9 +72,11 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     commands.append(("Train", f'{start} --config_path="$HERE/train_config.json"'))
     checks = [
         exposure(training),
-        f"The batch is {training.batch_of_gpu} on each of {training.gpus} GPUs: batch_size applies to one process.",
         "LeRobot cannot mix several data sets; merge them into one first.",
     ]
+    if training.gpus > 1:
+        each = f"The batch is {training.batch_of_gpu} on each of {training.gpus} GPUs"
+        checks.insert(1, f"{each}: batch_size applies to one process.")
     if is_real:
         checks += real_checks(data)
     if policy in _WITHOUT_LANGUAGE and is_real:

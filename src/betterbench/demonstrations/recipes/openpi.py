@@ -94,22 +94,22 @@ def _real_setup(training: Training) -> TrainerSetup:
     """Return the setup for data that LeRobot recorded with an SO-101, with absolute joint positions and two cameras."""
     recipe, data = training.recipe, training.only_data
     name = f"{recipe.name}_pi05"
-    file, older = f"{name}.py", f"{data.place}_v21"
-    repo_id = f"local/{data.name}_v21"
+    file, repo_id = f"{name}.py", f"local/{data.name}_v21"
+    older = f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # absolute: the commands run in several folders
     settings = _real_settings(training, repo_id)
     run = shell_line(["uv", "run", own_file(file)])
     commands = []
     if data.frames is None:
         commands.append(("Record the demonstrations, in the environment of LeRobot", record_lines(data.place)))
-    linked = 'mkdir -p "$HF_LEROBOT_HOME/local" && ln -sfn '
-    linked += f'"$(realpath -- {shell_word(older)})" "$HF_LEROBOT_HOME"/{shell_word(repo_id)}'
-    convert = ["python", "ds_version_convert/v30_to_v21/convert_dataset_v30_to_v21.py"]
-    convert += [f"--repo-id={repo_id}", f"--root={older}"]
+    copied = f'mkdir -p "$HF_LEROBOT_HOME/local" && cp -r {shell_word(data.place)} {older}'
+    convert = ["python", "ds_version_convert/v30_to_v21/convert_dataset_v30_to_v21.py", f"--repo-id={repo_id}"]
     last = recipe.steps - 1
     commands += [
-        ("Copy the data set: the converter replaces its folder", shell_line(["cp", "-r", data.place, older])),
-        (f"From the folder of any4lerobot, with LeRobot and datasets<4: {_CONVERTER}", shell_line(convert)),
-        ("Link the data set into openpi's folder", linked),
+        ("Copy the data set to openpi's folder: the converter replaces the copy", copied),
+        (
+            f"From the folder of any4lerobot, with LeRobot and datasets<4: {_CONVERTER}",
+            f"{shell_line(convert)} --root={older}",
+        ),
         ("From openpi's folder: statistics for normalization", f"{run} norm-stats"),
         ("Train", f"XLA_PYTHON_CLIENT_MEM_FRACTION=0.9 {run} train --exp-name {recipe.name}"),
         ("Serve the last checkpoint", f"{run} serve --dir checkpoints/{name}/{recipe.name}/{last}"),

@@ -94,7 +94,7 @@ class MeasuredCamera:
     """Camera measured from the markers.
 
     Attributes:
-        markers: Numbers of the markers that were found.
+        corners_px: (4, 2) corners in the image of each marker that the solution uses, by its number.
         error_px: Root mean square of the reprojection error [pixel].
         spread_m: Standard deviation of the position, from the residuals.
         distortion: First radial distortion coefficient.
@@ -102,7 +102,7 @@ class MeasuredCamera:
     """
 
     pose: CameraPose
-    markers: tuple[int, ...]
+    corners_px: dict[int, np.ndarray]
     error_px: float
     spread_m: float
     distortion: float
@@ -476,7 +476,7 @@ def _solved(
     fovy = math.degrees(2.0 * math.atan(0.5 * height / K[1, 1]))
     spread = float(np.linalg.norm(np.ravel(spreads)[3:6]))
     pose = CameraPose(position, R.T, fovy)
-    return MeasuredCamera(pose, tuple(found), float(error), spread, float(np.ravel(distortion)[0]), blur), residuals
+    return MeasuredCamera(pose, dict(found), float(error), spread, float(np.ravel(distortion)[0]), blur), residuals
 
 
 def _marker_scale(found: dict[int, np.ndarray], shape: tuple[int, int], camera: MeasuredCamera) -> float:

@@ -1,0 +1,39 @@
+"""PNG or JPEG file that a subcommand writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from betterbench.cli.console import say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+
+@contextmanager
+def picture_file(out: Path, verb: str, *, overwrite: bool) -> Iterator[Callable[[Image.Image, Sequence[str]], None]]:
+    """Check and lock the output path, and return the function that writes an image and remarks for its header.
+
+    Raises:
+        InvalidInputError: If the suffix is not that of a PNG or JPEG file.
+        RunConflictError: If the existing file must not be replaced, or another process is writing it.
+    """
+    from betterbench.evaluation.figures.show import image_file
+    from betterbench.jobs import write_durably
+    from betterbench.jobs.outputs import OutputFile, mark_of
+
+    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise InvalidInputError(
+            "--out", f"{out} ends with {out.suffix!r}", "Choose a file name that ends with .png or .jpg"
+        )
+
+    def write(image: Image.Image, remarks: Sequence[str]) -> None:
+        write_durably(out, image_file(image, out.suffix, remark="\n".join([mark_of(verb), *remarks])))
+        say(f"wrote {out}", whole=True)
+
+    with OutputFile(out, verb, overwrite=overwrite):
+        yield write
