@@ -103,16 +103,16 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
     """Return sentences on the variations that can be solved blind, before and after the correction."""
     said = []
     for mark, chosen in (
-        (f"after Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
-        ("before the correction", above_chance(cells)),
+        (f"After Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
+        ("Before the correction", above_chance(cells)),
     ):
         named = list(dict.fromkeys(f"{c.task}/{c.variation}" for c in chosen))
-        are = "is" if len(named) == 1 else "are"
-        found = f"{plural(len(named), 'variation')} {are} solved" if named else "none are solved"
+        found = plural(len(named), "variation") if named else "no variation"
         each = listed([f"{c.task}/{c.variation} by {c.pretender} ({c.rate.k}/{c.rate.n})" for c in chosen])
         said.append(
-            f"Of the variations that require an action, {found} more often than by chance by a pretender "
-            f"without vision, instruction or aim, {mark}" + (f": {each}." if named else ".")
+            f"{mark}, policies without vision, instruction or aim solve {found} that "
+            f"{'require' if len(named) > 1 else 'requires'} an action more often than by chance"
+            + (f": {each}." if named else ".")
         )
     alone = redundant(cells)
     if alone:
