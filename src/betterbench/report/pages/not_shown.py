@@ -14,7 +14,7 @@ _ABILITIES = {
     FLOOR[0]: "aiming at any object",
     FLOOR[1]: "moving to the correct position",
     "zoo:lexical": "finding the named object outside its training slot",
-    "zoo:layout": "choosing its first target by cues other than position",
+    "zoo:layout": "recognizing its first target by its appearance",
     "zoo:color": "distinguishing the requested object from objects of the same color",
     "zoo:shape": "distinguishing the requested object from objects of the same shape",
 }
