@@ -1,7 +1,7 @@
 """Measure the speed of betterbench as ratios within one run: ``make bench``, or ``python benchmarks/bench.py``.
 
-The exit status is 0 whatever comes out: this is a measurement and no test. ``--only ROW`` (repeatable) measures some
-rows, ``--quick`` repeats less, ``--json`` prints the figures as one JSON object.
+The exit status is always 0, because this is a measurement and not a test. ``--only ROW`` (repeatable) measures some
+rows, ``--quick`` repeats each measurement less often, and ``--json`` prints the figures as one JSON object.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-# One thread per process on both sides, as the front door sets it; before numerical libraries are loaded.
+# One thread per process on both sides, as the package sets it; must be set before numerical libraries are loaded.
 for _name, _value in (("OMP_NUM_THREADS", "1"), ("LP_NUM_THREADS", "0")):
     os.environ.setdefault(_name, _value)
 
@@ -66,7 +66,7 @@ def main() -> None:
 
 
 def describe_machine() -> dict[str, Any]:
-    """Return what decides about the figures besides the code."""
+    """Return the machine, settings and versions that influence the figures."""
     try:
         renderer = renderer_fingerprint()
     except MissingDependencyError as error:

@@ -1,7 +1,7 @@
 """The row about the catalogue of assets: 800,000 synthetic rows searched by words, by vectors and by both with filters.
 
-The search is measured in a process of its own (``python benchmarks/catalogue_search.py FOLDER QUERIES``), so that its
-memory is that of a search and not that of the indexing.
+The search is measured in a separate process (``python benchmarks/catalogue_search.py FOLDER QUERIES``), so that the
+measured memory does not include that of indexing.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SPREAD = 0.6
 
 
 def _word(number: int) -> str:
-    """Return a pronounceable word, another one for each number."""
+    """Return a pronounceable word that is different for each number."""
     letters = ("ba", "ko", "mi", "tu", "re", "sa", "lo", "pi", "ve", "du", "na", "go")
     said = ""
     while True:
@@ -51,7 +51,7 @@ def _word(number: int) -> str:
 
 
 class SyntheticEncoder:
-    """Vectors around the center of a topic, which the second word of a text names; as fast as possible."""
+    """A fast encoder whose vectors are near the center of a topic; the second word of a text determines the topic."""
 
     name, dimension = "synthetic", 384
 
@@ -70,7 +70,7 @@ class SyntheticEncoder:
 
 @dataclass(frozen=True, slots=True)
 class SyntheticSource:
-    """Rows whose words are as unequally frequent as those of a language."""
+    """Rows whose word frequencies are as uneven as in a natural language."""
 
     count: int
     name: str = "synthetic"
@@ -90,7 +90,7 @@ class SyntheticSource:
 
 
 class _KindNames:
-    """Names of listed kinds, the first of which are the most frequent: the k-th in proportion to 1 / (k + 5)."""
+    """Names of listed kinds with decreasing frequency: the frequency of the k-th is proportional to 1 / (k + 5)."""
 
     def __init__(self, seed: int) -> None:
         self._names = [kind.names[0] for kind in listed_kinds()]
@@ -99,7 +99,7 @@ class _KindNames:
         self._rng = np.random.default_rng(seed)
 
     def draw(self) -> str:
-        """Return a name with a leading blank, or nothing."""
+        """Return a name with a leading blank, or an empty text."""
         kindless, place = self._rng.random(2)
         return "" if kindless < _KINDLESS else f" {self._names[int(np.searchsorted(self._shares, place))]}"
 
@@ -130,7 +130,7 @@ def catalogue_row(*, quick: bool) -> Iterator[Figure]:
         found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     both = f"words + vectors + filters, {count:,} rows"
     yield Figure("assets", both, tuple(found["both"]), "ms", "<=", None if quick else 30.0)
-    # On a busy machine only this number means something: the time of all threads on a processor.
+    # On a busy machine, only this number is meaningful: the CPU time of all threads.
     yield Figure("assets", "the same, CPU time", tuple(found["both_cpu"]), "ms", "<=", None if quick else 25.0)
     yield Figure("assets", "words alone, with filters", tuple(found["words"]), "ms")
     yield Figure("assets", "vectors alone, with filters", tuple(found["vectors"]), "ms")
@@ -141,7 +141,7 @@ def catalogue_row(*, quick: bool) -> Iterator[Figure]:
 
 
 def _encoding_figure() -> Figure:
-    """Return how long the default encoder takes for a query, which the synthetic one does not."""
+    """Return the time that the default encoder takes for a query; the synthetic encoder takes almost none."""
     text = "encoding of a query by minilm, which comes on top"
     try:
         encoder = open_encoder()
@@ -158,7 +158,8 @@ def _encoding_figure() -> Figure:
 def _peak_memory_mb() -> float:
     """Return the peak memory of this program [MB].
 
-    Linux's ru_maxrss is not used where this number exists: a child inherits it from its parent, which has indexed.
+    ru_maxrss is used only if this number does not exist, because on Linux a child inherits it from its parent, which
+    has built the index.
     """
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
@@ -168,7 +169,7 @@ def _peak_memory_mb() -> float:
 
 
 def measure(folder: Path, queries: int) -> dict[str, object]:
-    """Search a catalogue and return the times [ms] of each way, of one also on CPUs, and the memory of this process."""
+    """Search a catalogue and return times [ms] per kind of search, CPU times of one, and the memory of this process."""
     encoder = SyntheticEncoder()
     rng = np.random.default_rng(11)
     times: dict[str, list[float]] = {"both": [], "both_cpu": [], "words": [], "vectors": [], "exact": []}

@@ -1,4 +1,4 @@
-"""A policy server that only waits: the rest of a run's wall time belongs to the benchmark."""
+"""A policy server that only waits, so that the rest of a run's wall time is spent by betterbench."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from betterbench.policies.serving.server import PolicyServer
 from own_process import serving
 
 CHUNK = 8
-"""Actions of an answer."""
+"""Number of actions in an answer."""
 
 _HOLDING = (0.0, 0.0, 0.0, 0.0, -1.0)
 
 
 class _Idle:
-    """Answers the questions of one connection after a while."""
+    """Answers the requests of one connection after a delay."""
 
     def __init__(self, latency_s: float, places: threading.Semaphore) -> None:
         self._latency_s, self._places = latency_s, places
@@ -41,11 +41,11 @@ class _Idle:
 
 @contextmanager
 def dummy_server(latency_s: float, *, concurrency: int) -> Iterator[str]:
-    """Serve openpi's protocol in a process of its own, and give the address with its preset.
+    """Serve openpi's protocol in a separate process, and give the address with its preset.
 
     Args:
         latency_s: Time that an answer takes [s].
-        concurrency: Answers that are under way at once; the others wait for their turn.
+        concurrency: Number of requests that are answered simultaneously; the others wait.
     """
     with serving(_serve, latency_s, concurrency) as address:
         yield f"{address}?preset=native"
@@ -53,7 +53,10 @@ def dummy_server(latency_s: float, *, concurrency: int) -> Iterator[str]:
 
 @contextmanager
 def dummy_gr00t_server(latency_s: float) -> Iterator[str]:
-    """Serve GR00T's protocol likewise: one call at a time, of any number of observations, as its own server does."""
+    """Serve GR00T's protocol in the same way.
+
+    As in GR00T's own server, calls are answered one by one, each with any number of observations.
+    """
     with serving(_serve_gr00t, latency_s) as address:
         yield address
 
@@ -71,7 +74,7 @@ def _serve_gr00t(latency_s: float, answer: Connection) -> None:
     while True:
         question = decode_gr00t(socket.recv())
         if question["endpoint"] != "get_action":
-            socket.send(encode_gr00t({}))  # which declares nothing
+            socket.send(encode_gr00t({}))  # declares nothing
             continue
         count = len(question["data"]["observation"]["video"]["front"])
         time.sleep(latency_s)
@@ -79,6 +82,6 @@ def _serve_gr00t(latency_s: float, answer: Connection) -> None:
 
 
 def _chunks(count: int) -> dict[str, np.ndarray]:
-    """Return chunks of small motions for so many environments: float32 arrays (count, CHUNK, size)."""
+    """Return chunks of small motions for ``count`` environments: float32 arrays (count, CHUNK, size)."""
     moves = {"ee_position": (0.1, 0.1, 0.0), "ee_rotation": (0.0, 0.0, 0.0), "gripper": (-1.0,)}
     return {name: np.tile(np.asarray(move, np.float32), (count, CHUNK, 1)) for name, move in moves.items()}

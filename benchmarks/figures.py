@@ -18,8 +18,8 @@ class Figure:
         values: Repeats; empty if it could not be measured.
         unit: Unit of the values ("x" for a ratio).
         relation: How the median must compare with the bound.
-        bound: What must be reached, or None where nothing is promised.
-        note: What a reader should know, or why nothing was measured.
+        bound: Required value, or None if there is no requirement.
+        note: Additional information, or the reason why nothing was measured.
     """
 
     row: str
@@ -37,7 +37,7 @@ class Figure:
 
     @property
     def reached(self) -> bool | None:
-        """Whether the median keeps the promise, or None where there is none or nothing was measured."""
+        """Whether the median meets the requirement, or None if there is no requirement or nothing was measured."""
         if self.bound is None or not self.values:
             return None
         return self.median <= self.bound if self.relation == "<=" else self.median >= self.bound

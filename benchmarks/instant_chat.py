@@ -1,4 +1,4 @@
-"""A chat server that answers at once: the time of a run against it belongs to the client."""
+"""A chat server that answers immediately, so that the time of a run is spent by the client."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _REPLY = b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: 
 
 @contextmanager
 def instant_chat_server() -> Iterator[int]:
-    """Serve OpenAI's chat protocol in a process of its own, and give the port on the loopback address.
+    """Serve OpenAI's chat protocol in a separate process, and give the port on the loopback address.
 
     The server reads each request to its end and answers with the letter B and token counts.
     """

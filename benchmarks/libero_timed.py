@@ -1,4 +1,4 @@
-"""LIBERO's process as a run has it, which also says how much processor time LIBERO's own calls took."""
+"""LIBERO's process as in a run, which also reports the processor time of LIBERO's own calls."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class TimedSimulator(LiberoSimulator):
         return counted
 
     def with_times(self, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return arrays with both times so far, "times" (2,) [s]: LIBERO's own, and all of the process."""
+        """Return the arrays and "times" (2,) [s]: the time in LIBERO's own calls and in the whole process so far."""
         return {**arrays, "times": np.array([self.raw_s, time.process_time()])}
 
 

@@ -1,4 +1,4 @@
-"""The row about materializing: all modalities of two views, beside MuJoCo's own drawing of the same passes."""
+"""The row about materializing: all modalities of two views, compared with MuJoCo's own rendering of the same passes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VIEWS = (ViewSpec("front"), ViewSpec("wrist"))
 
 
 class RawPasses(RawViews):
-    """The passes that colors, depth and segmentation of the same views take, drawn by MuJoCo's own functions."""
+    """The render passes for colors, depth and segmentation of the same views, drawn by MuJoCo's own functions."""
 
     def __init__(self, rehearsal: Rehearsal, quality: Quality) -> None:
         super().__init__(rehearsal.scene.model, quality, [view.camera for view in VIEWS])
@@ -42,7 +42,7 @@ class RawPasses(RawViews):
         self.depth = np.empty((side, side), np.float32)
 
     def draw_rows(self, first: int, last: int) -> float:
-        """Draw rows ``first`` to ``last - 1`` of the record, two passes a view, and return the seconds."""
+        """Draw rows ``first`` to ``last - 1`` of the record, with two passes per view, and return the seconds."""
         model, data, qpos = self._model, self._data, self._rehearsal.record.qpos
         every = int(mujoco.mjtCatBit.mjCAT_ALL)
         began = time.perf_counter()
@@ -65,14 +65,14 @@ class RawPasses(RawViews):
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """What a block took: seconds by the clock, and of processors.
+    """The time that a block took, as wall time and as processor time [s].
 
     Attributes:
-        raw_s: MuJoCo's own passes, by the clock.
-        own_s: Materializing, by the clock.
-        raw_cpu_s: MuJoCo's own passes.
-        drawing_cpu_s: The limited process, which draws.
-        writing_cpu_s: This process, which compresses and writes meanwhile.
+        raw_s: Wall time of MuJoCo's own passes.
+        own_s: Wall time of materializing.
+        raw_cpu_s: Processor time of MuJoCo's own passes.
+        drawing_cpu_s: Processor time of the limited process, which draws.
+        writing_cpu_s: Processor time of this process, which compresses and writes at the same time.
     """
 
     raw_s: float
@@ -89,10 +89,10 @@ def _processor_s(process: int) -> float:
 
 
 def blocks_of(task: str, quality: Quality, *, quick: bool) -> Iterator[Block]:
-    """Yield what MuJoCo's own passes and materializing took, block by block in turn.
+    """Yield the times of MuJoCo's own passes and of materializing, which alternate block by block.
 
-    A block is a row group: what is measured holds drawing in the limited process, the way through the pipe, boxes,
-    flow, compression and writing. The process is started, and the model uploaded, on both sides before.
+    A block is a row group. The measured time includes drawing in the limited process, the transfer through the pipe,
+    boxes, flow, compression and writing. Starting the process and uploading the model are not included on either side.
     """
     rehearsal = rehearse(task, quality)
     record, scene = rehearsal.record, rehearsal.scene

@@ -1,4 +1,4 @@
-"""Servers of the benchmarks, each in a process of its own."""
+"""Servers of the benchmarks, each in a separate process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @contextmanager
 def serving(serve: Callable[..., None], *arguments: float) -> Iterator[Any]:
-    """Run a server in a process until the end of the context, and give what it sends first, such as its address.
+    """Run a server in a process until the end of the context, and give its first message, such as its address.
 
     Args:
         serve: Function of the server, called with the arguments and the connection to which it sends.

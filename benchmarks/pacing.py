@@ -1,10 +1,10 @@
-"""Measuring an episode from inside: a policy that plays given actions and gives the clock to a reference in turn.
+"""Measuring an episode from inside, by a policy that plays given actions and runs a reference in between.
 
-What is timed is the library's own loop, :func:`betterbench.episodes.run_episode`, and no copy of it: from the moment in
-which the policy hands out an action to the moment in which it is asked for the next one. That is the controller, the
-physics, the privileged state, the predicates, the record and, with an observer, the images; in short everything but
-the policy. After every few control steps the policy runs the reference for as many steps, so that both sides meet the
-same load of the machine.
+The library's own loop, :func:`betterbench.episodes.run_episode`, is timed, and not a copy of it. The time runs from the
+moment when the policy returns an action to the request for the next action. It includes the controller, the physics,
+the privileged state, the predicates, the record and, with an observer, the images: everything but the policy. After
+every few control steps, the policy runs the reference for the same number of steps, so that the load of the machine is
+the same for both.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ PICTURE_TASKS = (PICTURE_TASK, HEAVIEST)
 """Tasks of the rows with images."""
 
 BLOCK = 40
-"""Control steps between two turns of the reference, 2 s of the episode: each turn begins with caches that the other
-side has filled, which no episode does. With 10 steps the ratio of `step` is 0.01 to 0.02 higher."""
+"""Control steps between two runs of the reference, 2 s of the episode. At the start of each run, the caches contain the
+other side's data, which does not happen in an episode. With 10 steps, the ratio of `step` is 0.01 to 0.02 higher."""
 
 PICTURE_BLOCK = 10
-"""The same for rows with images, in which a control step takes twenty times as long."""
+"""The same number for rows with images, in which a control step takes twenty times as long."""
 
 Reference = Callable[[int, int], float]
-"""``reference(first, last)`` runs control steps ``first`` to ``last - 1`` its own way and returns the seconds."""
+"""``reference(first, last)`` runs control steps ``first`` to ``last - 1`` in its own way and returns the seconds."""
 
 
 class EnoughMeasured(BaseException):
-    """Raised by a policy to leave the loop, which lets through whatever is no Exception."""
+    """Raised by a policy to leave the loop, which only catches subclasses of Exception."""
 
 
 class ReferenceFailed(BaseException):
-    """Takes an error of the reference out of the loop, for which an Exception in its policy only ends the trial."""
+    """Carries an error of the reference out of the loop, in which an Exception of the policy only ends the trial."""
 
     def __init__(self, error: Exception) -> None:
         super().__init__(str(error))
@@ -65,11 +65,11 @@ class ReferenceFailed(BaseException):
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """An episode of the expert, to be played again.
+    """An episode of the expert that is played again.
 
     Attributes:
-        scene: The scene, which every repeat resets.
-        record: What happened; a repeat does the same, bit for bit.
+        scene: The scene; every repetition resets it.
+        record: Record of the episode; a repetition is equal to it, bit for bit.
     """
 
     scene: Scene
@@ -82,12 +82,12 @@ class Rehearsal:
 
     @property
     def controls(self) -> np.ndarray:
-        """(T, nu) actuator commands, which are all that the physics gets to see of the actions."""
+        """(T, nu) actuator commands, the only effect of the actions on the physics."""
         return self.record.ctrl[1:]
 
 
 def rehearse(task_name: str, quality: Quality, *, seed: int = 0) -> Rehearsal:
-    """Let the expert solve a task's first training condition once; it also warms every cache.
+    """Let the expert solve a task's first training condition once, which also fills all caches.
 
     Args:
         task_name: Task id.
@@ -101,15 +101,15 @@ def rehearse(task_name: str, quality: Quality, *, seed: int = 0) -> Rehearsal:
 
 @dataclass(slots=True)
 class PacedMind:
-    """A policy that plays actions and runs a reference in between; it answers with and without observations.
+    """A policy that plays actions and runs a reference in between. It works with and without observations.
 
     Attributes:
         actions: (T, 7) actions to play.
-        reference: What to compare with.
-        every: Control steps between two turns of the reference.
-        limit: Control steps after which the episode is left.
-        own_s: Seconds of each block of ``every`` control steps of the loop.
-        reference_s: Seconds of the reference for each block.
+        reference: Function to compare with.
+        every: Control steps between two runs of the reference.
+        limit: Control steps after which the episode is stopped.
+        own_s: Seconds that the loop took for each block of ``every`` control steps.
+        reference_s: Seconds that the reference took for each block.
     """
 
     actions: np.ndarray
@@ -158,13 +158,13 @@ class PacedMind:
 
 
 def play(rehearsal: Rehearsal, reference: Reference, *, every: int, limit: int, observer: Observer | None) -> PacedMind:
-    """Play a rehearsed episode through the library's loop and return the policy with its figures.
+    """Play a rehearsed episode in the library's loop and return the policy with the measured times.
 
     Args:
         rehearsal: The episode.
-        reference: What to compare with.
-        every: Control steps between two turns of the reference.
-        limit: Control steps after which the episode is left.
+        reference: Function to compare with.
+        every: Control steps between two runs of the reference.
+        limit: Control steps after which the episode is stopped.
         observer: Makes the images, or None.
 
     Raises:
@@ -180,9 +180,9 @@ def play(rehearsal: Rehearsal, reference: Reference, *, every: int, limit: int, 
 
 
 class RawPhysics:
-    """Nothing but ``mj_step`` on the same model, from the same state, under the same actuator commands.
+    """Only ``mj_step`` on the same model, from the same state, with the same actuator commands.
 
-    The states are compared with the record after each turn: both sides have computed the same contacts.
+    After each run, the state is compared with the record, so both sides have computed the same contacts.
     """
 
     def __init__(
@@ -192,7 +192,7 @@ class RawPhysics:
         views: RawViews | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """Prepare a state of its own.
+        """Prepare a separate state.
 
         Args:
             rehearsal: The episode.
@@ -207,7 +207,7 @@ class RawPhysics:
         """Run control steps ``first`` to ``last - 1`` and return the seconds.
 
         Raises:
-            ValueError: If the motion is another one, so that the times mean nothing.
+            ValueError: If the motion differs, because the times then cannot be compared.
         """
         scene, record = self._rehearsal.scene, self._rehearsal.record
         model, data, views, substeps = self._model, self._data, self._views, scene.physics_steps
@@ -229,7 +229,7 @@ class RawPhysics:
         return seconds
 
     def go_on(self, steps: int) -> float:
-        """Run control steps after the end of the record, under its last command, and return the seconds."""
+        """Run control steps after the end of the record, with its last command, and return the seconds."""
         began = self._clock()
         for _ in range(steps):
             mujoco.mj_step(self._model, self._data, nstep=self._rehearsal.scene.physics_steps)
@@ -237,10 +237,10 @@ class RawPhysics:
 
 
 class SleeplessEpisode:
-    """The same actions in a scene of its own in which nothing sleeps: what a control step costs without that."""
+    """The same actions in a separate scene in which no object sleeps, to measure a control step without sleeping."""
 
     def __init__(self, rehearsal: Rehearsal) -> None:
-        """Prepare a scene of its own on the same model."""
+        """Prepare a separate scene with the same model."""
         self._rehearsal = rehearsal
         s = rehearsal.scene
         self._scene = Scene(s.task, s.condition, seed=s.seed, action_space=s.action_space, quality=s.quality)
@@ -269,10 +269,10 @@ class SleeplessEpisode:
 
 
 class RawViews:
-    """The same views drawn by MuJoCo's own functions, without anything around them."""
+    """The same views, drawn only by MuJoCo's own functions."""
 
     def __init__(self, model: mujoco.MjModel, quality: Quality, cameras: Sequence[str], *, size: int = 256) -> None:
-        """Upload the model into buffers of its own.
+        """Upload the model into separate buffers.
 
         Args:
             model: Compiled model.

@@ -1,8 +1,8 @@
-"""The peers that speed is compared with: an installation of their own, a process to ask, and when to believe it.
+"""Other benchmarks whose speed is compared: how each is installed and run, and when its times are trusted.
 
-A peer can be wrong about itself: robosuite has been seen to step ten times faster and to draw nothing (README, "When a
-peer is believed"). So a figure is believed only if every image shows something new, and if two processes that were
-started separately agree.
+The times of such a peer can be wrong: robosuite was once ten times faster because it rendered nothing (README, "When
+the result of a peer is accepted"). Therefore, a time is trusted only if every image shows something new, and if two
+separately started processes agree.
 """
 
 from __future__ import annotations
@@ -37,34 +37,34 @@ LOCKS = Path(__file__).resolve().parents[1] / "requirements"
 INSTALL_LIMIT_S = 1800.0
 
 ANSWER_LIMIT_S = 600.0
-"""Longest wait for one answer [s]; an environment with cameras is built in 2 to 10 s, but numba compiles at first."""
+"""Longest wait for one answer [s]. An environment with cameras is built in 2 to 10 s, but at first numba compiles."""
 
 ANSWER_LIMIT_BYTES = 1_000_000
 
 END_LIMIT_S = 10.0
-"""Longest wait for a process that was told to end [s]."""
+"""Longest wait for a process to end after it was terminated [s]."""
 
 AGREEMENT = 1.3
 """Largest ratio of the medians of two blocks that agree."""
 
 MOST_BLOCKS = 3
-"""Blocks after which a figure that no two of them agree on is given up."""
+"""Number of blocks after which a measurement is abandoned if no two of them agree."""
 
 FAULTS = {"flat": "was of one color", "noise": "was noise"}
-"""What stands in place of a digest, and how it is said."""
+"""Values that replace a digest, and their descriptions."""
 
 _COMPLETE = "complete"
 
 
 class PeerUnavailableError(Exception):
-    """The peer cannot be installed or does not answer as agreed; the text says why."""
+    """The peer cannot be installed or does not follow the protocol; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class PeerPackage:
-    """A peer: what it is called and which script steps it.
+    """Name and script of a peer.
 
-    Its environment holds what ``requirements/peer-NAME.lock`` lists, with the name in lower case.
+    Its environment contains the packages in ``requirements/peer-NAME.lock``, with the name in lower case.
 
     Attributes:
         name: Name in the table.
@@ -81,7 +81,7 @@ class PeerPackage:
 
     @property
     def folder(self) -> Path:
-        """Folder of the environment, in the user's cache directory; another lock has another one."""
+        """Folder of the environment in the user's cache directory; it differs for each lock file."""
         digest = hashlib.sha256(self.lock.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name.lower()}-{digest}"
 
@@ -100,7 +100,7 @@ def installed(package: PeerPackage) -> Path:
         PeerUnavailableError: If it cannot be built.
     """
     if package is LIBERO:
-        # Its environment is that of the world, so only one of them makes it.
+        # LIBERO's environment is shared with the world, so it is built only once.
         try:
             return world_named("libero").installation.install() / "bin" / "python"
         except MissingDependencyError as error:
@@ -127,7 +127,7 @@ def _run(command: list[str]) -> None:
     """Run a command.
 
     Raises:
-        PeerUnavailableError: If it fails, with the last line it said.
+        PeerUnavailableError: If it fails, with the last line of its output.
     """
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_LIMIT_S, check=False)
@@ -142,7 +142,7 @@ class Peer:
     """A running process that steps one environment of a peer on request. Use it as a context manager.
 
     Attributes:
-        versions: Versions of the packages that decide about its speed, once an environment was made.
+        versions: Versions of the packages that influence its speed; set when an environment has been made.
     """
 
     def __init__(self, script: Path, *, python: Path, answer_limit_s: float = ANSWER_LIMIT_S) -> None:
@@ -194,7 +194,7 @@ class Peer:
         self._said.close()
 
     def make(self, *, everything: bool) -> None:
-        """Build the environment, with depth and instance masks if everything is asked for.
+        """Build the environment, with depth and instance masks if ``everything`` is true.
 
         Raises:
             PeerUnavailableError: If that fails.
@@ -206,7 +206,7 @@ class Peer:
         if not isinstance(versions, dict):
             raise self._strange(answer, request)
         self.versions = {str(k): str(v) for k, v in versions.items()}
-        self.take_doubt()  # what the first images showed is part of no measurement
+        self.take_doubt()  # the first images are not part of a measurement
 
     def step(self, count: int) -> float:
         """Take control steps and return the seconds they took together.
@@ -227,7 +227,7 @@ class Peer:
         return sum(self._seconds(self._ask(request), request, count=1))
 
     def take_doubt(self) -> str:
-        """Return why the figures since the last call are not believed, or an empty text, and begin anew."""
+        """Return why the times since the last call are not trusted, or an empty text, and reset the counts."""
         measured, self._measured = self._measured, 0
         faults, self._faults = self._faults, Counter()
         return ", ".join(f"{fault} in {count} of {measured} measurements" for fault, count in sorted(faults.items()))
@@ -236,7 +236,7 @@ class Peer:
         """Return the seconds of an answer and look at its images.
 
         Raises:
-            PeerUnavailableError: If the answer is none.
+            PeerUnavailableError: If the answer does not follow the protocol.
         """
         seconds, images = answer.get("seconds"), answer.get("images")
         if not (isinstance(seconds, list) and isinstance(images, list) and len(seconds) == len(images) == count):
@@ -255,7 +255,7 @@ class Peer:
         for name, digest in digests.items():
             if digest in FAULTS:
                 self._faults[f"{name} {FAULTS[digest]}"] += 1
-            # Two cameras never see the same, and none sees the same twice while the robot moves.
+            # Two cameras never see the same image, and while the robot moves, no camera sees the same image twice.
             elif digest in self._seen or list(digests.values()).count(digest) > 1:
                 self._faults[f"{name} did not change"] += 1
         self._seen.update(digests.values())
@@ -282,7 +282,7 @@ class Peer:
         """Return the next line of the process.
 
         Raises:
-            PeerUnavailableError: If there is none in time.
+            PeerUnavailableError: If there is no line in time.
         """
         pipe = self._process.stdout
         if pipe is None:
@@ -323,12 +323,12 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """What one process of a peer was measured to take, in turn with ours.
+    """Times of one process of a peer, measured alternately with ours.
 
     Attributes:
         own_s: Seconds of each of our measurements.
-        peer_s: Seconds of each of the peer's.
-        doubt: Why the peer's are not believed, or an empty text.
+        peer_s: Seconds of each measurement of the peer.
+        doubt: Why the peer's times are not trusted, or an empty text.
     """
 
     own_s: tuple[float, ...]
@@ -342,12 +342,12 @@ class Block:
 
     @property
     def described(self) -> str:
-        """The peer's median, and why it is not believed."""
+        """The peer's median, and why it is not trusted."""
         return f"{self.median_s:.3g} s" + (f" ({self.doubt})" if self.doubt else "")
 
 
 def agreeing(blocks: Sequence[Block]) -> tuple[Block, Block] | None:
-    """Return the first two blocks that agree on the peer, or None.
+    """Return the first two blocks whose times of the peer agree, or None.
 
     Args:
         blocks: Blocks of separate processes, in the order in which they were measured.

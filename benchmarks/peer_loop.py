@@ -1,8 +1,8 @@
-"""What the scripts of all peers share: requests on standard input, the clock, and a look at the images.
+"""Code shared by the scripts of all peers: requests on standard input, time measurement, and a check of the images.
 
 :mod:`peer` runs ``robosuite_peer.py`` or ``libero_peer.py`` with the Python of that peer's own environment. This module
-runs there too, so it needs numpy and nothing of betterbench. One JSON object per line comes in on standard input, one
-goes out on standard output:
+runs there too, so it needs only numpy and no part of betterbench. It reads one JSON object per line from standard input
+and writes one per line to standard output:
 
 ===========================================  ==================================================================
 request                                      answer
@@ -12,11 +12,11 @@ request                                      answer
 ``{"do": "reset"}``                          ``{"seconds": [s], "images": [{…}]}``
 ===========================================  ==================================================================
 
-``all`` asks for depth and instance masks besides colors. The clock stands here, beside the work, so that the pipe is
-not part of what is measured. Each step and each reset comes with a digest of every image it gave, taken after the clock
-was stopped: ``{"frontview": "0b5e…", "robot0_eye_in_hand": "77c1…"}``. Whoever reads them knows whether images change.
-In place of a digest stands ``"flat"`` if all pixels are equal, and ``"noise"`` if neighbors have nothing to do with
-each other, which is what memory looks like that nothing was drawn into.
+``all`` requests depth and instance masks besides colors. Time is measured here, so that it does not include the pipe.
+The answer to each step and each reset contains a digest of every image, computed after the time was taken:
+``{"frontview": "0b5e…", "robot0_eye_in_hand": "77c1…"}``. The digests show whether the images change. The digest is
+replaced by ``"flat"`` if all pixels are equal, and by ``"noise"`` if neighboring pixels are unrelated, as in memory
+into which nothing was drawn.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ SIZE = 256
 CONTROL_RATE_HZ = 20
 
 ACTION_SIZE = 0.1
-"""Largest component of an action, of a range of 1: the arm stays near its start, as in the facts of the design."""
+"""Largest component of an action, in a range of ±1, so that the arm stays near its start."""
 
 WARM_UP_STEPS = 2
-"""Steps that are not timed after a build or a reset. Shaders are compiled then, and robosuite shows the images of the
-reset once more after the first step."""
+"""Number of steps after a build or a reset that are not timed, because shaders are compiled during these steps, and
+robosuite returns the images of the reset again after the first step."""
 
 LEAST_LIKENESS = 0.5
 """Least correlation of horizontal neighbors in an image: 0.95 and 0.97 in robosuite's, 0.04 in uninitialized memory."""
@@ -51,10 +51,10 @@ Images = Mapping[str, np.ndarray]
 
 
 class PeerEnvironment(Protocol):
-    """What a peer's script provides."""
+    """Interface of a peer's script."""
 
     def make(self, *, everything: bool) -> None:
-        """Build the environment, with depth and instance masks if everything is asked for."""
+        """Build the environment, with depth and instance masks if ``everything`` is true."""
 
     def reset(self) -> Images:
         """Go to a new layout and return its images."""
@@ -63,7 +63,7 @@ class PeerEnvironment(Protocol):
         """Take one control step with a small random action and return its images."""
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of the packages that decide about speed."""
+        """Return the versions of the packages that influence the speed."""
 
 
 class _Session:
@@ -77,7 +77,7 @@ class _Session:
         """Do what a request asks for.
 
         Raises:
-            KeyError: If the request is none of the three.
+            KeyError: If the request is unknown.
         """
         work: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "make": self._make,
@@ -119,7 +119,7 @@ def _digests(images: Images) -> dict[str, str]:
     """Return a digest of each image, or what is wrong with it.
 
     Raises:
-        ValueError: If an image has another size than was asked for.
+        ValueError: If an image does not have the requested size.
     """
     for name, image in images.items():
         if image.shape[:2] != (SIZE, SIZE):
@@ -147,7 +147,7 @@ def serve(environment: PeerEnvironment) -> None:
     Args:
         environment: The peer.
     """
-    # The packages of peers talk on standard output; their words go to standard error and the pipe stays clean.
+    # Peer packages print to standard output. This is redirected to standard error, so the pipe only has answers.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     session = _Session(environment)

@@ -1,8 +1,8 @@
 """The rows that compare with robosuite and with LIBERO's own loop.
 
-Each figure is measured in blocks, one for each of two processes of the peer that are started after one another. If
-their images are not new at every step, or the two disagree, a third process is asked; if no two blocks can be believed
-then, the row says why and gives no ratio.
+Each figure is measured in two blocks, with one process of the peer each, started one after the other. If their images
+are not new at every step, or their times disagree, a third process is measured. If there are still no two blocks that
+can be trusted, the row gives the reason instead of a ratio.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from peer import (
 )
 
 BOUNDS = {"fast": 10.0, "standard": 4.0}
-"""Times that we must be faster with images of a quality."""
+"""Required speed ratio with images, by render quality."""
 
 RESET_BOUND = 100.0
-"""Times that our reset must be faster."""
+"""Required speed ratio of a reset."""
 
 FEW_SCENES = 3
-"""Compiled scenes among which the reset row moves; an observer keeps a renderer for four."""
+"""Number of compiled scenes in the row about resets; an observer keeps renderers for four."""
 
 Measure = Callable[[Peer], tuple[list[float], list[float]]]
 """Measures a block: our seconds, and those of the peer."""
@@ -49,11 +49,11 @@ Measure = Callable[[Peer], tuple[list[float], list[float]]]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the blocks of one figure came to.
+    """Result of the blocks of one figure.
 
     Attributes:
         blocks: All blocks.
-        failure: Why no more could be measured, or an empty text.
+        failure: Why the measurement stopped, or an empty text.
     """
 
     blocks: tuple[Block, ...]
@@ -61,24 +61,24 @@ class Outcome:
 
     @property
     def own_s(self) -> list[float]:
-        """Our seconds, of the blocks that are believed."""
+        """Our seconds in the trusted blocks."""
         return [s for block in agreeing(self.blocks) or () for s in block.own_s]
 
     @property
     def peer_s(self) -> list[float]:
-        """The peer's seconds, of the blocks that are believed."""
+        """The peer's seconds in the trusted blocks."""
         return [s for block in agreeing(self.blocks) or () for s in block.peer_s]
 
     @property
     def refusal(self) -> str:
-        """Why there is no ratio, or an empty text if there is one."""
+        """Why there is no ratio, or an empty text."""
         if agreeing(self.blocks) is not None:
             return ""
         return self.failure or why_not_believed(self.blocks)
 
     @property
     def remark(self) -> str:
-        """What to add to the note of a ratio."""
+        """Text that is added to the note of a ratio."""
         believed = agreeing(self.blocks) or ()
         left_out = [block.described for block in self.blocks if block not in believed]
         return f"; not believed and left out: {'; '.join(left_out)}" if left_out else ""
@@ -167,7 +167,7 @@ class PeerRows:
         return [Outcome(tuple(known), failure) for known in blocks]
 
     def reset(self, *, quick: bool) -> Iterator[Figure]:
-        """Measure the way to a new layout of a compiled scene, and compare it with the peers'."""
+        """Measure a reset to a new layout of a compiled scene, and compare it with the peers' resets."""
         resets = [_Resets(task, number=6 if quick else 20) for task in PICTURE_TASKS]
         try:
             for own in resets:
@@ -183,7 +183,7 @@ class PeerRows:
 
 
 def _reset_figures(package: PeerPackage, own: _Resets, outcome: Outcome) -> Iterator[Figure]:
-    """Compare the resets of one task with those of a peer, without and with images of ours."""
+    """Compare the resets of one task, without and with images, with those of a peer."""
     task, theirs, refusal = own.task.id, outcome.peer_s, outcome.refusal
     note = refusal or f"{package.name} {spread(theirs)} s, its first two images included, ours none{outcome.remark}"
     ratios = tuple(s / statistics.median(outcome.own_s) for s in theirs)
@@ -194,14 +194,14 @@ def _reset_figures(package: PeerPackage, own: _Resets, outcome: Outcome) -> Iter
 
 
 class _Resets:
-    """Our resets of one task among few compiled scenes."""
+    """Our resets of one task with few compiled scenes."""
 
     def __init__(self, name: str, *, number: int) -> None:
-        """Compile the scenes and upload them to a renderer each.
+        """Compile the scenes and upload each to a renderer.
 
         Args:
             name: Task id.
-            number: Layouts to move among.
+            number: Number of layouts.
         """
         self.task = get_task(name)
         self.with_images_s: list[float] = []
@@ -219,7 +219,7 @@ class _Resets:
         return [self._time(condition, seed, images=False) for condition, seed in self._layouts]
 
     def block(self, peer: Peer) -> tuple[list[float], list[float]]:
-        """Reset to each layout, and let the peer reset a few times in between."""
+        """Reset to each layout, with a few resets of the peer in between."""
         own, theirs = [], []
         for i, (condition, seed) in enumerate(self._layouts):
             own.append(self._time(condition, seed, images=False))
@@ -240,11 +240,11 @@ class _Resets:
 
 
 def _layouts_of_few_scenes(task: Task, number: int) -> list[tuple[Condition, int]]:
-    """Return conditions and seeds whose layouts differ, on few compiled scenes, all of which are in the cache then.
+    """Return conditions and seeds with different layouts of few compiled scenes, which are in the cache afterwards.
 
     Args:
         task: The task.
-        number: Layouts to return.
+        number: Number of layouts.
     """
     space, quality = action_space("ee_delta"), QUALITIES["standard"]
     scenes: set[str] = set()

@@ -17,8 +17,8 @@ from peer_loop import ACTION_SIZE, CONTROL_RATE_HZ, SIZE, Images, serve
 CAMERAS = ("frontview", "robot0_eye_in_hand")
 
 OWN_RENDERER = "mujoco"
-"""With this option a reset frees the graphics resources of the simulation that it replaces. With the default they are
-freed whenever Python's garbage collector comes by, and with them those of the simulation in use."""
+"""With this option a reset frees the graphics resources of the simulation that it replaces. With the default, Python's
+garbage collector frees them at an arbitrary time, together with those of the simulation in use."""
 
 
 class PickPlace:
@@ -59,7 +59,7 @@ class PickPlace:
         return self._images(self._environment.step(action)[0])
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of what runs."""
+        """Return the versions of the packages that run."""
         return {"robosuite": robosuite.__version__, "mujoco": mujoco.__version__, "numpy": np.__version__}
 
     def _images(self, observation: dict[str, np.ndarray]) -> Images:

@@ -1,4 +1,4 @@
-"""The rows of the speed table: each measures one promise of the design as a ratio within this run."""
+"""The rows of the speed table. Each measures one requirement, mostly as a ratio of two times in the same run."""
 
 from __future__ import annotations
 
@@ -59,23 +59,23 @@ from static_asking import static_row
 from training_speed import training_row
 
 TASKS = (PICTURE_TASK, "morning_coffee", HEAVIEST)
-"""Tasks of the camera-less rows: a common one, the one with the lightest physics, and the heaviest."""
+"""Tasks of the rows without cameras: a typical one, the one with the fastest physics, and the one with the slowest."""
 
 RECORDS = 1200
-"""Trials of a full run: sixty variations with twenty seeds."""
+"""Number of trials of a full run: sixty variations with twenty seeds."""
 
 LATENCIES_S = (0.03, 0.1, 0.3)
-"""Times that the dummy policy servers take for a chunk of eight actions [s]."""
+"""Times that the dummy policy servers take to answer with a chunk of eight actions [s]."""
 
 MANY = 256
-"""Questions that a server answers at once that is no limit."""
+"""Number of simultaneous requests that is never reached."""
 
 WORKERS = 2
 """Workers of the row that measures a run against a policy server."""
 
 
 def step_row(*, quick: bool) -> Iterator[Figure]:
-    """Compare the loop without cameras with the bare physics of the same motion."""
+    """Compare the loop without cameras with only the physics of the same motion."""
     for task in TASKS:
         rehearsal = rehearse(task, QUALITIES["fast"])
         raw = RawPhysics(rehearsal)
@@ -88,14 +88,14 @@ def step_row(*, quick: bool) -> Iterator[Figure]:
             physics += [1e3 * s / BLOCK for s in policy.reference_s]
         note = f"{spread(own)} / {spread(physics)} ms, {len(rehearsal.actions)} steps an episode"
         yield Figure("step", f"step without cameras / physics, {task}", tuple(ratios), "x", "<=", 1.25, note)
-        # Other work on the machine only ever adds time: the least time of each block over the repeats comes nearest to
-        # what an idle core would show.
+        # Other work on the machine can only add time, so the least time of each block over the repetitions is nearest
+        # to the time on an idle core.
         least = [sum(map(min, zip(*blocks, strict=True))) for blocks in _columns(policies)]
         yield Figure("step", f"the same, least time of each block, {task}", (least[0] / least[1],), "x")
 
 
 def sleep_row(*, quick: bool) -> Iterator[Figure]:
-    """Compare the loop without cameras with the same loop in a world in which nothing sleeps."""
+    """Compare the loop without cameras with the same loop in a scene in which no object sleeps."""
     for task in TASKS:
         rehearsal = rehearse(task, QUALITIES["fast"])
         sleepless = SleeplessEpisode(rehearsal)
@@ -117,12 +117,12 @@ def sleep_row(*, quick: bool) -> Iterator[Figure]:
 
 
 def _columns(policies: list[PacedMind]) -> tuple[list[list[float]], list[list[float]]]:
-    """Return the seconds of each block by repeat: those of the loop, and those of the reference."""
+    """Return the seconds of each block by repetition, of the loop and of the reference."""
     return [m.own_s for m in policies], [m.reference_s for m in policies]
 
 
 def pixels_row(*, quick: bool) -> Iterator[Figure]:
-    """Compare the loop with two cameras with the bare physics and the bare rendering of the same views."""
+    """Compare the loop with two cameras with only the physics and the rendering of the same views."""
     spec = observation_spec("default")
     for task, quality in itertools.product(PICTURE_TASKS, (QUALITIES["fast"], QUALITIES["standard"])):
         rehearsal = rehearse(task, quality)
@@ -153,15 +153,16 @@ def _check_same_images(scene: Scene, observer: Observer, views: RawViews) -> Non
     seen = observer.observe(scene, scene.reset())
     views.draw(scene.data)
     for (name, image), pixels in zip(seen.images.items(), views.pixels, strict=True):
-        # Rows are read from the top or from the bottom, as the process's OpenGL context is set.
+        # Whether rows are read from the top or the bottom depends on the process's OpenGL context.
         if not (np.array_equal(image, pixels) or np.array_equal(image, pixels[::-1])):
             raise ValueError(f"the bare rendering of camera {name!r} gives another image")
 
 
 def record_row(*, quick: bool) -> Iterator[Figure]:
-    """Measure what recording costs: appending, finishing and encoding, as a share of the loop without cameras.
+    """Measure the cost of recording (appending, finishing and encoding) as a share of the loop without cameras.
 
-    In processor time: by the clock, other work on the machine makes the long loop longer, and so the share smaller.
+    The share is one of processor time, because other work on the machine would lengthen the loop's wall time and so
+    reduce the share.
     """
     for task_name in TASKS:
         rehearsal = rehearse(task_name, QUALITIES["fast"])
@@ -214,9 +215,9 @@ def workers_row(*, quick: bool) -> Iterator[Figure]:
 
 
 def _busy_seconds(workers: int, *, trials: int) -> float:
-    """Return the mean time that a worker was at work, from the begin of its first trial to the end of its last [s].
+    """Return the mean time that a worker took from the start of its first trial to the end of its last trial [s].
 
-    A run in a process of its own, so that nothing is warm that would not be.
+    The run has its own process, so that no cache has been filled before.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
@@ -251,14 +252,14 @@ def _evaluate_timed(workers: int, trials: int, answer: Connection) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _PolicyCase:
-    """A server, and what the run against it is compared with.
+    """A server and the settings of the run against it.
 
     Attributes:
         text: The case in a few words.
         latency_s: Time of an answer [s].
         serve: Makes the server.
-        at_once: Questions that it answers at once; more than there are for no limit.
-        trials: Trials of the variation; as many are run of the training conditions.
+        at_once: Number of requests that it answers simultaneously; a number that is never reached means no limit.
+        trials: Number of trials of the variation; the training conditions get the same number.
         observation: Observation preset.
     """
 
@@ -374,7 +375,7 @@ def materialize_row(*, quick: bool) -> Iterator[Figure]:
         note = f"{spread([ms * b.own_s for b in blocks])} / {spread([ms * b.raw_s for b in blocks])} ms a row"
         text = f"raw passes / all modalities, two cameras, {task}, {quality.name}"
         yield Figure("materialize", text, tuple(b.raw_s / b.own_s for b in blocks), "x", ">=", 0.9, note)
-        # Two processes work at a time: what an idle core each would show is the time of the slower one.
+        # Two processes work at the same time. With an idle core for each, the wall time would be the slower one's.
         ratios = tuple(b.raw_cpu_s / max(b.drawing_cpu_s, b.writing_cpu_s) for b in blocks)
         note = f"drawing {spread([ms * b.drawing_cpu_s for b in blocks])}, writing "
         note += f"{spread([ms * b.writing_cpu_s for b in blocks])}, raw {spread([ms * b.raw_cpu_s for b in blocks])} ms"
@@ -393,7 +394,7 @@ def amplify_row(*, quick: bool) -> Iterator[Figure]:
         starts = planned_starts(task, 1, first_seed=FIRST_DEMONSTRATION_SEED)
         library = Library([demonstrated_source(_collected(start)) for start in starts])
         planned = planned_starts(task, 1, first_seed=FIRST_AMPLIFIED_SEED)
-        amplify_attempt(scene_of(planned[0].trial, "fast"), 0, library, AmplifierSettings())  # which warms every cache
+        amplify_attempt(scene_of(planned[0].trial, "fast"), 0, library, AmplifierSettings())  # fills every cache
         ratios, own, physics = [], [], []
         for i in range(rounds):
             own_s, physics_s, steps = 0.0, 0.0, 0

@@ -1,4 +1,4 @@
-"""The row about ``better vlm``: many items against a server that answers at once."""
+"""The row about ``better vlm``: many items, with a server that answers immediately."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ _DISTINCT = 50
 
 
 def static_row(*, quick: bool) -> Iterator[Figure]:
-    """Measure a run over EmbSpatial-Bench's form of data (JSON with embedded JPEG files of 640 x 480 pixels).
+    """Measure a run on data in the form of EmbSpatial-Bench (JSON with embedded JPEG files of 640 x 480 pixels).
 
-    Each run is a process of its own, which reads the data, sends the requests, stores the answers and the cache, and
-    scores. The server is a process of its own, which reads each request and answers with a letter and token counts.
+    Each run is a separate process that reads the data, sends the requests, stores the answers and the cache, and
+    computes the scores. The server is another process that reads each request and answers with a letter and token
+    counts.
     """
     many, few = (ITEMS // 10, FEW // 10) if quick else (ITEMS, FEW)
     with tempfile.TemporaryDirectory() as scratch, instant_chat_server() as port:

@@ -1,4 +1,4 @@
-"""The row about training: batches of demonstrations, beside the same network on random tensors in memory."""
+"""The row about training: batches of demonstrations, compared with the same network on random tensors in memory."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from figures import Figure, spread
 from pacing import PICTURE_TASK, Rehearsal, rehearse
 
 COPIES = 50
-"""How often the one demonstration is there, so that its frames do not fit into the processor's caches."""
+"""Number of copies of the demonstration; so many that the frames do not fit into the processor's caches."""
 
 STEPS = 4
-"""Training steps of a block on batches, which a block of as many on random tensors follows."""
+"""Number of training steps in a block; blocks on batches and blocks on random tensors alternate."""
 
 _OF_FRAMES = ("tools", "poses", "actions", "phases", "at_gripper", "shown")
 _OF_EPISODES = ("words", "sizes", "categories", "colors", "held_out")
 
 
 def training_row(*, quick: bool) -> Iterator[Figure]:
-    """Compare training steps on batches with as many of the same network on random tensors, for both families."""
+    """Compare training steps on batches with the same number of steps on random tensors, for both families."""
     try:
         require_torch("this row")
     except MissingDependencyError as error:
         yield Figure("train", "training / the same on tensors in memory", (), "x", ">=", 0.9, str(error))
         return
-    renderer_fingerprint()  # raises where nothing can be drawn
+    renderer_fingerprint()  # raises an error if nothing can be rendered
     with tempfile.TemporaryDirectory() as scratch:
         run = one_demonstration(Path(scratch) / "run", rehearse(PICTURE_TASK, QUALITIES["fast"]))
         for changes in ({}, {"family": "pixels", "eyes": {"quality": "fast"}}):
@@ -52,7 +52,7 @@ def training_row(*, quick: bool) -> Iterator[Figure]:
 
 
 def training_figure(recipe: TrainingRecipe, data: TrainingSet, *, blocks: int) -> Figure:
-    """Return the figure of a family, from blocks of steps in turn; the first pair of blocks warms everything."""
+    """Return the figure of a family from alternating blocks of steps; the first pair of blocks is not counted."""
     import torch  # noqa: PLC0415 - of the extra
 
     from betterbench.learning.training.batches import Batches  # noqa: PLC0415
@@ -90,7 +90,7 @@ def training_figure(recipe: TrainingRecipe, data: TrainingSet, *, blocks: int) -
 
 
 def one_demonstration(folder: Path, rehearsal: Rehearsal) -> Path:
-    """Write a run that holds what was rehearsed, and return its folder."""
+    """Write a run with the rehearsed episode, and return its folder."""
     record, scene = rehearsal.record, rehearsal.scene
     m = record.metadata
     trial = {"task": m.task, "condition": m.condition, "variation": None, "seed": m.seed}
@@ -104,7 +104,7 @@ def one_demonstration(folder: Path, rehearsal: Rehearsal) -> Path:
 
 
 def copied(data: TrainingSet, frames: Path, count: int) -> TrainingSet:
-    """Return a training set that holds each demonstration so many times, with the files of its frames copied too."""
+    """Return a training set with ``count`` copies of each demonstration and of the files of its frames."""
     steps, episodes = len(data.actions), len(data.trials)
     tiled: dict[str, Any] = {
         name: np.concatenate([getattr(data, name)] * count) for name in (*_OF_FRAMES, *_OF_EPISODES)

@@ -1,4 +1,4 @@
-"""What a run in LIBERO adds to LIBERO's own loop: processor time per step and per reset, of both processes together.
+"""Processor time per step and per reset that a run in LIBERO adds to LIBERO's own loop, over both processes.
 
 ``python benchmarks/world_overhead.py [--steps N]`` after `better worlds install libero`. Each step is taken once, and
 the time inside LIBERO's own calls is subtracted, so that the load of the machine does not matter.
@@ -24,7 +24,7 @@ from betterbench.sim.worlds import ProcessScene, WorldProcesses, world_named
 from betterbench.sim.worlds.installation import start_code
 
 TARGET = 0.05
-"""Share of LIBERO's own time that a step may cost on top."""
+"""Largest additional time of a step, as a share of LIBERO's own time."""
 
 
 Times = tuple[float, float]
@@ -60,7 +60,7 @@ def measure(scene: TimedScene, observer: Observer | None, steps: int) -> tuple[T
 
 
 class TimedScene(ProcessScene):
-    """A scene that shows the times of its process."""
+    """A scene that returns the times of its process."""
 
     @property
     def said(self) -> np.ndarray:

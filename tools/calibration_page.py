@@ -31,12 +31,14 @@ numbers.
   before its first action, and the author had not read the diagnosis. The first part was used to develop the
   diagnosis. Each of the other six parts was written by an author who had not read the diagnosis, after the faults
   revealed by the earlier parts had been fixed, and was **used once**: the numbers below come from that single use.
-  The numbers of the sixth and last part estimate the accuracy of the diagnosis on policies by other authors. The last
-  column gives the share of failed trials that get their true label with the versions of November 28, 2026, from seed
-  0 on; one of 1,622 honest-policy trials is then accused. For this column, the parts are no longer held out. The
-  suite was changed after these uses: in four conditions, a faulty behavior of the fourth, fifth or sixth part no
-  longer has an effect, so the true label of these conditions has been withdrawn. The other numbers still include
-  these conditions, with the task versions of that time.
+  The numbers of the sixth and last part estimate the accuracy of the diagnosis on policies by other authors.
+
+  The table counts failed trials, except for the column about trials without a fault. The last column was measured
+  with the versions of November 28, 2026, from seed 0 on. With these versions, one of 1,622 trials without a fault is
+  labeled as a reasoning failure. For this column, the parts are no longer held out. The suite was changed after the
+  single uses: in four conditions, a faulty behavior of the fourth, fifth or sixth part no longer has an effect, so
+  these conditions no longer have a true label. The other columns still include them, with the task versions of that
+  time.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and follow one wrong rule, at
@@ -77,7 +79,8 @@ USES: dict[str, str] = {
 
 REMARKS: dict[str, str] = {
     "sixth": """**The sixth part meets all four bounds** that were set in advance: 95 % by
-label, 97 % by kind, 90 % without a grasp, and no honest policy accused. By label, the accuracy is 97.5 % (509/522),
+label, 97 % by kind, 90 % by label in trials without a grasp attempt, and no reasoning failure found in a trial without
+a fault. By label, the accuracy is 97.5 % (509/522),
 with a 95 % interval of 95.8 to 98.5 % if trials are treated as independent. The trials of one behavior are mostly
 labeled correctly or wrongly together; over behaviors, the interval is 93 to 100 %. The 43 faulty behaviors are known
 from learned policies. Examples are lagging, averaging two objects, acting on old chunks, rapid opening and closing of
@@ -88,27 +91,29 @@ starts again, a little farther each time, until the step limit. Its true label i
 `phase_conflict` (back and forth) in ten trials and `early_halt` in two. `farther-for-the-second` does the same after
 a correct first step; one of its twelve trials is labeled `phase_conflict`. The diagnosis has not been changed since.
 
-An earlier sixth part, by another author, was judged once (95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a
-grasp, 0 of 312 accused) and then lost together with its computer before publication. The two faults of the diagnosis
-that caused most of its mistakes were fixed from the remaining notes before the present sixth part was written.
+An earlier sixth part, by another author, was judged once and then lost together with its computer before publication.
+Its accuracy was 95.5 % by label (421/441), 95.7 % by kind and 94.5 % without a grasp attempt, and none of its 312
+trials without a fault was labeled as a reasoning failure. The two faults of the diagnosis that caused most of its
+mistakes were fixed from the remaining notes before the present sixth part was written.
 
 Three more families were written by authors who had read only the documentation, with the true labels fixed before the
-diagnosis was run. They were judged once and are not packaged:
+diagnosis was run. They were judged once and are not packaged. A false accusation is a trial of a policy without a fault
+that was labeled as a reasoning failure:
 
-- 45 policies, 508 trials: 96.5 % by label (251/260), 99.2 % by kind, 2 of 90 honest trials accused.
-- 34 policies, 419 trials: 98.5 % by label, 99.2 % by kind, 1 of 100 honest trials accused.
-- 66 policies, 1,189 trials in all ten tasks: 1 of 646 honest trials accused, 0 of 320 trials in which a fault was not
-  active, all 221 failures of the correct kind, 5 of 5 policies that do not use the instruction recognized, and the
-  correct headline for 62 of 65 runs. The accuracy by label was 91.9 % (203/221). Twelve of the 18 wrong labels belong
-  to one policy that takes the placement target: the documented definition of `semantic_feature_collapse` contradicted
+- 45 policies, 508 trials: 96.5 % correct by label (251/260) and 99.2 % by kind; 2 false accusations in 90 trials.
+- 34 policies, 419 trials: 98.5 % correct by label and 99.2 % by kind; 1 false accusation in 100 trials.
+- 66 policies, 1,189 trials in all ten tasks: 91.9 % correct by label (203/221) and all 221 failures correct by kind; 1
+  false accusation in 646 trials, and none in 320 trials in which a fault was not active. All 5 policies that do not use
+  the instruction were recognized, and 62 of 65 runs got the correct headline. Twelve of the 18 wrong labels belong to
+  one policy that grasps the placement target: the documented definition of `semantic_feature_collapse` contradicted
   the suite, and was corrected. Four more wrong labels (a policy that follows the word for a finished step) and the
-  accusation (a mug that jams on the open fingers) led to changes in the diagnosis; two are arguable.
+  false accusation (a mug that jams on the open fingers) led to changes in the diagnosis; two are arguable.
 
 """,
     "fifth": """**The fifth part misses one of the four bounds** set in advance, 95 % by label, by one point: 94.0 %
 (343/365), with a 95 % interval of 91.0 to 96.0 % if trials are treated as independent. The trials of one behavior are
 mostly labeled correctly or wrongly together; over behaviors, the interval is 86 to 100 %. It meets the other bounds:
-97 % by kind, 90 % without a grasp, and no honest policy accused. Two of its 54 behaviors account for 18 of the 22
+97 % by kind, 90 % without a grasp attempt, and no false accusation. Two of its 54 behaviors account for 18 of the 22
 mistakes, each in all of its 9 trials. `stabs-with-one-finger` repeatedly comes down on the correct object so that one
 finger of its open gripper presses on its top, and `fails-at-the-second` does the same after a correct first step.
 Both fail in execution, but the diagnosis gives `timeout`. Neither is a failure of reasoning, so the kind is correct.
@@ -122,7 +127,7 @@ then missed. The numbers below estimate the accuracy on other policies.
 
 """,
     "fourth": """**The fourth part misses three of the four bounds** that were set in advance: 95 % by label, 97 % by
-kind and 90 % without a grasp. It meets the fourth bound: no honest policy is accused. Two of its 42 behaviors account
+kind and 90 % without a grasp attempt. It meets the fourth bound: no false accusation. Two of its 42 behaviors account
 for 24 of the 30 mistakes, each in all of its 12 trials. `zigzags-toward-it` approaches the correct object in wide
 zigzags until the step limit: it is slow, but the diagnosis finds motion back and forth. `shuts-it-empty` closes the
 drawer before its object is inside, and rests: it skips a step, but the diagnosis finds a halt. In the other six
@@ -183,16 +188,15 @@ the ceiling. If only one instruction makes sense in a scene, a policy without th
 variation has no margin and is evidence only about vision, not about language. If a rule passes with a needless step,
 the success rate does not expose it, but *success with a needless step* does.
 
-A pass does not show an ability if a policy without this ability passes more than half of the trials, or more than a
+A pass does not prove an ability if a policy without this ability passes more than half of the trials, or more than a
 quarter if it moves without looking. Each variation's card names these abilities, and the last table lists them all.
 
 """
 REAL_WORLD = """
 ## The power matrix of the fruit basket
 
-The suite `real_world` has a matrix of its own, over the 14 variations of
-[`fruit_basket`](so101.md#the-fruit-basket) with a right outcome. The four ambiguous variations are neither solved nor
-failed.
+The suite `real_world` has a separate matrix, over the 14 variations of [`fruit_basket`](so101.md#the-fruit-basket)
+with a right outcome. The four ambiguous variations are excluded, because a trial neither solves nor fails them.
 
 ```sh
 better calibrate --power --tasks fruit_basket --out runs/power_real
@@ -219,7 +223,15 @@ def write(out: Path) -> None:
 
 def _uses() -> str:
     """Return the table of the parts that were used once, indented to match the list that contains it."""
-    lines = ["| part | label | kind | label, no grasp | honest accused | label now |", "|---|---|---|---|---|---|"]
+    columns = [
+        "part",
+        "correct label",
+        "correct kind",
+        "correct label, trials without a grasp attempt",
+        "reasoning failures found in trials without a fault",
+        "correct label with the present version",
+    ]
+    lines = [f"| {' | '.join(columns)} |", "|---|---|---|---|---|---|"]
     for family, now in USES.items():
         found = packaged_calibration(family)
         if found is None:
@@ -246,7 +258,8 @@ def _mistakes(found: Calibration, family: str, out: Path) -> str:
     """Return the wrong labels of a family, each with its film strip if there is one."""
     lines = []
     for number, j in enumerate(found.wrong):
-        lines.append(f"**{j.trial}**, `{j.policy}`: true label {label_name(j.truth)}, diagnosed {label_name(j.label)}.")
+        labels = f"The true label is {label_name(j.truth)}; the diagnosis gave {label_name(j.label)}."
+        lines.append(f"**{j.trial}**, `{j.policy}`. {labels}")
         lines += [j.text] + ([f"Debatable: {j.debatable}."] if j.debatable else [])
         picture = strip_of(out, family, number)
         lines += ["", *([f"![film strip of {j.trial}]({picture.relative_to(out)})"] if picture.is_file() else []), ""]

@@ -24,19 +24,19 @@ def validity_text(task: str, variation: str, study: Path = STUDY) -> str:
     found = _read(study)
     row = next((v for v in found["variations"] if (v["task"], v["variation"]) == (task, variation)), None)
     if row is None:
-        return "not measured: no learners were trained on this task yet"
+        return "not measured, because no learners were trained on this task yet"
     version = found["task_versions"][task]
     if version != get_task(task).version:
-        return f"measured for version {version} of the task only ({LINK})"
+        return f"measured only for version {version} of the task, not for the present version ({LINK})"
     solved = "; ".join(f"{arm} {_share(row['success'][arm])}" for arm in found["plan"]["arms"])
     removed = row["validity"]
     share = ""
     if removed is not None and removed["low"] < LEAST:
-        share = "; the gap is too small to tell what share of it balancing removes"
+        share = "; the illusion gap is too small to measure the share of it that balanced training removes"
     elif removed is not None:
         low, high = (_whole(removed[end]) for end in ("low", "high"))
-        share = f"; balancing removes {_whole(removed['value'])} % of the gap ({low} to {high})"
-    return f"learners that solve it, by what they were trained on: {solved}{share}: {row['verdict']} ({LINK})"
+        share = f"; balanced training removes {_whole(removed['value'])} % of the illusion gap ({low} to {high})"
+    return f"trials solved by learners, by training data: {solved}{share}; verdict: {row['verdict']} ({LINK})"
 
 
 @functools.cache

@@ -49,7 +49,8 @@ def _read(folder: Path, task: str) -> Measured:
 
 
 def _learners(found: Sequence[Measured]) -> Iterator[str]:
-    yield "| learner of | training conditions | variations | illusion gap | right | static gap | known failures |"
+    columns = ("learner of", "training conditions", "variations", "illusion gap", "correct answers", "static gap")
+    yield f"| {' | '.join((*columns, 'known failures'))} |"
     yield "|---|---|---|---|---|---|---|"
     for task, static, diagnosis, known in found:
         gap = diagnosis.metric("illusion_gap", "overall")

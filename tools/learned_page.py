@@ -129,7 +129,7 @@ def _levers(table: Mapping[str, Any]) -> list[str]:
         counted = [found["training"], *(row["axes"][axis] for axis in axes), found["variations"], found["intention"]]
         rows.append([name, *map(_count, counted), points(against.get("success")), points(against.get("gap"))])
     head = ["recipe", "training", *(axis.replace("_", " ") for axis in axes), "all variations", "correct first target"]
-    return _table([*head, "difference, points", "of the gap"], rows)
+    return _table([*head, "difference in success, points", "difference in illusion gap, points"], rows)
 
 
 def _doses(study: Mapping[str, Any]) -> list[str]:

@@ -286,7 +286,8 @@ def page(found: list[Crop], readings: list[dict[str, str]]) -> str:
             (
                 f"This page shows {len(found)} crops of images of the front camera (256 x 256 pixels), in random order "
                 "and without names. Readers without the list of categories named each outlined object. "
-                f"**Correct: {' and '.join(shares)}; required: {100 * REQUIRED:.0f} %.** An answer is correct if it "
+                f"**Correct answers, one number per reader: {' and '.join(shares)}. The requirement is "
+                f"{100 * REQUIRED:.0f} %.** An answer is correct if it "
                 "names the object by an everyday word, does not name an object that it must not be confused with, and "
                 "does not give a wrong color (colors of parts, as in 'jam jar, white lid', are not judged). "
                 "`tools/legibility_sheet.py` draws the sheets and judges the answers."

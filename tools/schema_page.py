@@ -58,7 +58,7 @@ _TEXTS = {
         "variations": "test conditions",
         "notes": "further notes for its card",
         "regimes": "further sets of conditions for demonstrations, see `--regime`",
-        "robot": "name of the robot for which the slots are laid out",
+        "robot": "name of the robot that can reach the slots",
         "matrices": "diagnostic matrices whose cells are conditions of the task",
     },
     "Slot": {

@@ -117,6 +117,14 @@ def task_page(task: Task) -> str:
             "policy's front camera. The change made by the intervention is outlined."
         ),
         "",
+        (
+            "Names with `zoo:` and `probe:` are [faulty policies](../diagnosis.md#faulty-policies) and probes, which "
+            "were run on the variations ([power matrix](../calibration.md#the-power-matrix)). The *shortcut ceiling* "
+            "is the best success rate among the faulty policies that the variation can expose, the probes without "
+            "instruction or images, and replayed demonstrations. *Construct validity* reports whether small learned "
+            "policies solve the variation after training without the regularities listed above."
+        ),
+        "",
     ]
     for variation in task.variations:
         lines += _card(task, variation)
@@ -182,7 +190,7 @@ def _template_section(template: Template) -> list[str]:
     return [
         f"## {template.title}",
         "",
-        f"`{template.name}`. {template.description} {template.challenge}",
+        f"`{template.name}`. {template.description} The main difficulty is {_lower_first(template.challenge)}",
         "",
         _row(["group", "meaning", "allowed types", "count"]),
         _row(["---"] * 4),
@@ -199,6 +207,10 @@ def _template_section(template: Template) -> list[str]:
             "stay still"
         ),
     ]
+
+
+def _lower_first(text: str) -> str:
+    return text[:1].lower() + text[1:]
 
 
 def _definition(name: str) -> str:
@@ -267,8 +279,9 @@ def _confounds(task: Task) -> list[str]:
     lines = []
     for word, slots in trained.word_slots.items():
         if slots:
-            where = " or ".join(f"`{slot}`" for slot in slots)
-            lines.append(f"“{word}” is {'always' if len(slots) == 1 else 'only'} picked at {where}.")
+            where = " or ".join(filter(None, (", ".join(f"`{s}`" for s in slots[:-1]), f"`{slots[-1]}`")))
+            always = "always" if len(slots) == 1 else "only"
+            lines.append(f"Objects that instructions call “{word}” are {always} picked at {where}.")
     total = len(task.training)
     if len(trained.first_kinds) == 1:
         lines.append(f"Every demonstration begins with the {trained.first_kinds[0][0]}.")
@@ -303,11 +316,11 @@ def _card(task: Task, variation: Variation) -> list[str]:
     base = task.train(variation.base)
     test, changes = vary(task, variation)
     before, after = base.instruction.text, test.instruction.text
-    told = f"“{before}”, unchanged" if before == after else f"before “{before}”, after “{after}”"
+    told = f"“{before}”, as in training" if before == after else f"“{after}” instead of “{before}”"
     support = (
         "every slot, target and grasp occurs in training"
         if variation.support is Support.SEEN
-        else "novel; it uses slots that do not occur in training"
+        else "novel, because some slots do not occur in training"
     )
     look = ["- initial state: looks like the middle of a demonstration"] if variation.mid_task_look else []
     broken = (
@@ -316,7 +329,8 @@ def _card(task: Task, variation: Variation) -> list[str]:
         else []
     )
     steps = f"{variation.watch_steps} control steps"
-    watched = [f"- watched for {steps} after the goal is met: a grasp attempt then is a failure"] * (steps[0] != "0")
+    watched = [f"- after the goal is met: the trial continues for {steps}; a grasp attempt in this time is a failure"]
+    watched *= steps[0] != "0"
     return [
         f"### {variation.name}: {variation.title}",
         "",
@@ -327,13 +341,13 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- intervention on `{variation.base}`: {', '.join(f'`{_call(i)}`' for i in variation.interventions)}",
         *([] if changes.objects else ["- the scene is the same as in training; only the instruction changes"]),
         f"- instruction: {told}",
-        f"- expected: {variation.expected.value.replace('_', ' ')}",
+        f"- expected behavior: {variation.expected.value.replace('_', ' ')}",
         f"- support: {support}",
         *watched,
         *look,
         *broken,
         f"- can expose: {_exposed(task, variation)}",
-        f"- power: {_power((task.id, variation.name))}",
+        *_power((task.id, variation.name)),
         *_not_shown((task.id, variation.name)),
         f"- construct validity: {validity_text(task.id, variation.name)}",
         "",
@@ -346,25 +360,31 @@ def _exposed(task: Task, variation: Variation) -> str:
     return ", ".join(f"`{label}`" for label in labels) or "no label"
 
 
-def _power(key: Key) -> str:
-    """Return the entry of the packaged power matrix: rules that fail the variation, and the shortcut ceiling."""
+def _power(key: Key) -> list[str]:
+    """Return the lines from the packaged power matrix: rules that fail the variation, and the shortcut ceiling."""
     matrix = power_matrix_of([key[0]])
-    if matrix is None or key[0] in matrix.stale_tasks() or (ceiling := matrix.ceiling(key)) is None:
-        return "not measured for this version (run `better calibrate --power`)"
-    failing = ", ".join(f"`{name}`" for name in matrix.failing(key)) or "no rule"
+    if matrix is None or key[0] in matrix.stale_tasks():
+        return ["- faulty policies: not measured for this version (run `better calibrate --power`)"]
+    if (ceiling := matrix.ceiling(key)) is None:
+        return ["- faulty policies: not run on this variation, because it has no right outcome"]
+    failing = ", ".join(f"`{name}`" for name in matrix.failing(key)) or "none"
     rate = f"{percent(ceiling.rate.k, ceiling.rate.n)} % ({ceiling.rate.k}/{ceiling.rate.n})"
-    control = "control cell; " if matrix.control(key) else ""
+    control = "control variation: no faulty policy fails, apart from `zoo:halt`, which stops at every new combination"
     passing = ", ".join(f"`{name}`" for name in matrix.passing_wrongly(key))
-    also = f"; passed with a needless step by {passing}" if passing else ""
     guessed = ceiling.rate.k == ceiling.rate.n and matrix.chances.get(key, 0.0) >= 1.0
-    alone = "; only one instruction makes sense in its scene, so it does not test language" if guessed else ""
-    return f"{control}failed by {failing}; shortcut ceiling {rate}, by `{ceiling.pretender}`{alone}{also}"
+    return [
+        *([f"- {control}"] if matrix.control(key) else []),
+        f"- faulty policies that fail: {failing}",
+        *([f"- faulty policies that succeed with a needless step: {passing}"] if passing else []),
+        f"- shortcut ceiling: {rate}, by `{ceiling.pretender}`",
+        *(["- language is not tested: only one instruction makes sense in this scene"] if guessed else []),
+    ]
 
 
 def _not_shown(key: Key) -> list[str]:
     """Return the line with the limits of a pass; empty if they are not measured."""
     matrix = power_matrix_of([key[0]])
-    if matrix is None or key[0] in matrix.stale_tasks():
+    if matrix is None or key[0] in matrix.stale_tasks() or matrix.ceiling(key) is None:
         return []
     return [f"- limits: {not_shown(matrix, key)}"]
 

@@ -305,17 +305,19 @@ def main() -> None:
         TABLE.write_text(json.dumps(read_runs(arguments.runs, suite), indent=0) + "\n", encoding="utf-8")
     table: Counts = json.loads(TABLE.read_text(encoding="utf-8"))
     alarms = markdown(
-        ("success of the twin", "of the variation", "wrong verdict", "suites with one", "variations with it", "decided",
-         "trials"),
+        ("success rate of the twin", "success rate of the variation", "wrong verdict", "suites with a wrong verdict",
+         "variations with a wrong verdict", "decided variations", "trials"),
         list(alarm_rows(suite, arguments.suites)),
     )  # fmt: skip
     mixed = markdown(
-        ("variations that drop", "success there", "wrong among drops", "wrong among no drops", "drops found", "trials"),
+        ("variations that drop", "their success rate", "wrong verdicts `drop`", "wrong verdicts `no drop`",
+         "drops that were found", "trials"),
         list(mixed_rows(suite, arguments.suites // 4)),
-    )
+    )  # fmt: skip
     policies = markdown(
-        ("policies", "trials", f"times fewer than {MOST} pairs", "than a plain run", "same verdict", "opposite",
-         f"only {MOST} decide", "only until decided", "wrong", f"wrong of {MOST}"),
+        ("policies", "trials", f"factor saved against {MOST} pairs", "factor saved against a plain run",
+         "same verdict", "opposite verdict", f"decided only with {MOST} pairs", "decided only by `--until-decided`",
+         "wrong verdicts of `--until-decided`", f"wrong verdicts with {MOST} pairs"),
         list(policy_rows(suite, table)),
     )  # fmt: skip
     text = PAGE.read_text(encoding="utf-8")

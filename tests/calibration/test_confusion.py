@@ -180,11 +180,11 @@ def test_the_page_and_the_tables_say_it_all(calibration, tmp_path):
 
 def test_what_is_solved_blind_stands_raw_beside_corrected(calibration, tmp_path):
     page = write_calibration_page(calibration, tmp_path, power=matrix()).read_text()
-    for text in ("14/14*", "7/7*", "4/14", "fast_food/R1 by probe:replay (7/7)", "before the correction"):
+    for text in ("14/14*", "7/7*", "4/14", "fast_food/R1 by probe:replay (7/7)", "Before the correction"):
         assert text in page
     sentences = blind_sentences(matrix().blind_cells())
-    assert "1 variation is solved" in sentences[0]
-    assert blind_sentences(())[0].count("none are solved") == 1
+    assert "solve 1 variation that requires an action" in sentences[0]
+    assert "solve no variation that requires an action" in blind_sentences(())[0]
 
 
 def test_the_page_of_the_matrix_names_ceilings_and_control_cells(tmp_path):

@@ -20,22 +20,36 @@ def measured(key, **cells):
         (
             ("fruit_lunch", "R1"),
             {"word": (6, 6), "deaf": (3, 8), "replay": (0, 7)},
-            "that a policy finds the named object outside its training slot (`zoo:lexical` passes 6 of 6).",
+            "without finding the named object outside its training slot (`zoo:lexical` passes 6 of 6 trials).",
         ),
         (
             ("fruit_lunch", "O2"),
             {"word": (0, 6), "deaf": (7, 7), "color": (0, 6)},
-            "that a policy follows the instruction (`probe:no-language` passes 7 of 7).",
+            "without following the instruction (`probe:no-language` passes 7 of 7 trials).",
         ),
         (
             ("fruit_lunch", "T1"),
             {"deaf": (4, 8), "replay": (3, 7), "blind": (2, 7)},
-            "that a policy looks at the scene (`probe:no-images` passes 2 of 7, `probe:replay` passes 3 of 7).",
+            (
+                "without looking at the scene (`probe:no-images` passes 2 of 7 trials, "
+                "`probe:replay` passes 3 of 7 trials)."
+            ),
         ),
     ],
 )
 def test_the_sentence_names_what_passes_and_how_often(key, cells, sentence):
-    assert not_shown(measured(key, **cells), key) == f"A pass does not show {sentence}"
+    assert not_shown(measured(key, **cells), key) == f"A policy can pass {sentence}"
+
+
+def test_several_abilities_are_joined_in_one_sentence():
+    key = ("fruit_lunch", "O2")
+    text = not_shown(measured(key, word=(6, 6), deaf=(7, 7), color=(6, 6)), key)
+    assert text == (
+        "A policy can pass without following the instruction (`probe:no-language` passes 7 of 7 trials), "
+        "without finding the named object outside its training slot (`zoo:lexical` passes 6 of 6 trials) or "
+        "without distinguishing the requested object from objects of the same color "
+        "(`zoo:color` passes 6 of 6 trials)."
+    )
 
 
 def test_a_rule_for_look_alikes_counts_only_where_something_looks_alike():

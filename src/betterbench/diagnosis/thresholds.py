@@ -33,7 +33,7 @@ SQUEEZES = threshold("squeezes", 3, "1",
     "Larger: fewer partial grasps are attempts; fewer execution_failure with a weak grip, more timeout.")
 TRIES_IN_VAIN = threshold("tries_in_vain", 3, "1",
     "Number of failed or prematurely released grasps of the correct object that make the trial an execution failure, "
-    "even if the gripper holds the object at the step limit; honest policies had at most two.",
+    "even if the gripper holds the object at the step limit; policies without a fault had at most two.",
     "Larger: more failed grasps are tolerated if the last one holds the object; fewer execution_failure, more "
     "timeout.")
 MEMORIZED_SPOT = threshold("memorized_spot", 0.04, "m",
@@ -52,8 +52,8 @@ BESIDE = threshold("over_beside", 0.01, "m",
     "Larger: the gripper is over objects from farther away; more wrong_object and semantic_feature_collapse by a "
     "stay, fewer phase_conflict and timeout.")
 STAY_TIME = threshold("stay_time", 2.0, "s",
-    "Total time for which an open gripper must stay over an object to choose it. Honest policies of the independent "
-    "family stay over another object for up to 4 s before they grasp, and the grasp then decides.",
+    "Total time for which an open gripper must stay over an object to choose it. Policies without a fault "
+    "stay over another object for up to 4 s before they grasp, and the grasp then decides.",
     "Larger: fewer stays choose an object; fewer wrong_object and semantic_feature_collapse, more timeout.")
 STAY_SHARE = threshold("stay_share", 0.7, "1",
     "Minimum share of the time over any object that is spent over the chosen object; a smaller share is motion "
@@ -80,8 +80,8 @@ RETREAT = threshold("retreat", 0.15, "m",
     "Larger: fewer returns count; fewer phase_conflict, more timeout.")
 RETURNS = threshold("returns", 3, "1",
     "Number of times that an open gripper must come over the correct object, leaving it in between, for the motion to "
-    "count as moving back and forth. None of 645 honest trials of the independent family had even two before the first "
-    "grasp.",
+    "count as moving back and forth. None of 645 trials of the independent family without a fault "
+    "had even two before the first grasp.",
     "Larger: more returns are tolerated; fewer phase_conflict, more timeout.")
 COMES_DOWN = threshold("comes_down", 0.035, "m",
     "Maximum height above a flat object's base at which a gripper has come down to the object. Plates, slices and "
@@ -97,8 +97,8 @@ FLICKER_TIME = threshold("flicker_time", 0.25, "s",
 
 # Pushes, and failed grasps of the correct object.
 PUSH_TRAVEL = threshold("push_travel", 0.08, "m",
-    "Minimum distance over which an empty gripper must move an object for a push; honest policies of the independent "
-    "family moved no object by more than 1 cm without grasping it, in 297 trials.",
+    "Minimum distance over which an empty gripper must move an object for a push; policies without a fault "
+    "moved no object by more than 1 cm without grasping it, in 297 trials.",
     "Larger: fewer touches are pushes; fewer wrong_object and execution_failure by a push, more timeout.")
 PUSH_SHARE = threshold("push_share", 0.5, "1",
     "Minimum share of push_travel that the gripper itself must move for a push, and that an object must move to be "
@@ -145,7 +145,7 @@ RISEN_AGAIN = threshold("risen_again", 0.03, "m",
 # Back and forth.
 TO_AND_FRO = threshold("to_and_fro", 5.0, "1",
     "Minimum ratio between an empty gripper's path length and the diameter of its region for motion back and forth. A "
-    "straight path has 1; 99 % of the paths of honest policies between two grasps have less than 4.4.",
+    "straight path has 1; 99 % of the paths of policies without a fault between two grasps have less than 4.4.",
     "Larger: fewer paths are back and forth; fewer phase_conflict, more timeout.")
 TO_AND_FRO_TRAVEL = threshold("to_and_fro_travel", 0.4, "m",
     "Minimum path length of motion back and forth; servo jitter adds up to less in a minute.",
@@ -177,8 +177,8 @@ PAUSES_VARY = threshold("pauses_vary", 1.5, "1",
     "For a policy with long pauses: multiple of its longest earlier pause above which a stop is a halt.",
     "Larger: more stops at the end are pauses; fewer early_halt, more timeout.")
 TREMBLE_TIME = threshold("tremble_time", 8.0, "s",
-    "Time within halt_radius until the end after which an arm that is never completely still has halted; honest "
-    "policies of the independent family move on after at most 6.5 s.",
+    "Time within halt_radius until the end after which an arm that is never completely still has halted; "
+    "policies without a fault move on after at most 6.5 s.",
     "Larger: an arm must tremble in place for longer; fewer early_halt and phase_conflict, more timeout.")
 OVER_GOAL = threshold("over_goal", 0.06, "m",
     "Maximum horizontal distance between a held object and the center of its target region for the object to have "

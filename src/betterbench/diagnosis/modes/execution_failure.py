@@ -105,8 +105,8 @@ def _about(trials: Sequence[TrialDiagnosis]) -> str:
 @FailureMode(
     Label.EXECUTION_FAILURE,
     short="execution",
-    definition="The correct target at the right time, but the object slipped, was dropped, missed or knocked away "
-    "again, the arm collided, a drawer was left halfway, or an object that was not requested was harmed.",
+    definition="The policy attempts the correct target at the right time, but the object slips, is dropped, missed or "
+    "knocked away again, the arm collides, a drawer is left halfway, or an object that was not requested is harmed.",
     conclusion="It goes for the correct objects, but its manipulation fails.",
     sharper=_sharper,
     finding="Fails at the manipulation",

@@ -109,14 +109,14 @@ def calibration_markdown(calibration: Calibration, family: str = "faulty") -> st
     lines = [
         calibration_summary(calibration),
         "",
-        "| true label | kind | found (recall) | right when given (precision) |",
+        "| true label | kind | recall (true labels found) | precision (given labels that are true) |",
         "|---|---|---|---|",
     ]
     lines += [
         f"| `{s.label.value}` | {KINDS[s.label.kind]} | {rate_text(s.recall)} | {rate_text(s.precision)} |"
         for s in calibration.scores()
     ]
-    lines += ["", "| policy | right |", "|---|---|"]
+    lines += ["", "| policy | correct labels |", "|---|---|"]
     lines += [
         f"| {markdown_code(name)} | {rate_text(rate)} |" for name, rate in rates_by_policy(calibration, family).items()
     ]

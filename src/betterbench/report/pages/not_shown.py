@@ -6,17 +6,17 @@ from betterbench.diagnosis.measures.power_matrix import BLIND, FLOOR, Key, Power
 from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
 from betterbench.tasks import Axis, get_task
 
-_LOOKS = "looks at the scene"
+_LOOKS = "looking at the scene"
 _ABILITIES = {
-    BLIND[0]: "follows the instruction",
+    BLIND[0]: "following the instruction",
     BLIND[1]: _LOOKS,
     BLIND[2]: _LOOKS,
-    FLOOR[0]: "aims at any object",
-    FLOOR[1]: "moves to the correct position",
-    "zoo:lexical": "finds the named object outside its training slot",
-    "zoo:layout": "chooses its first target by cues other than position",
-    "zoo:color": "distinguishes the requested object from objects of the same color",
-    "zoo:shape": "distinguishes the requested object from objects of the same shape",
+    FLOOR[0]: "aiming at any object",
+    FLOOR[1]: "moving to the correct position",
+    "zoo:lexical": "finding the named object outside its training slot",
+    "zoo:layout": "recognizing its first target by its appearance",
+    "zoo:color": "distinguishing the requested object from objects of the same color",
+    "zoo:shape": "distinguishing the requested object from objects of the same shape",
 }
 """Ability that each pretender lacks, and which is therefore not required where the pretender succeeds."""
 _OF_LOOK_ALIKES = ("zoo:color", "zoo:shape")
@@ -45,10 +45,10 @@ def not_shown(matrix: PowerMatrix, key: Key) -> str:
     if not passing:
         return "No measured policy passes this variation without the tested ability."
     abilities = {_ABILITIES[name]: [n for n in passing if _ABILITIES[n] == _ABILITIES[name]] for name in passing}
-    parts = [f"that a policy {ability} ({_counts(matrix, key, names)})" for ability, names in abilities.items()]
-    return f"A pass does not show {' or '.join(parts)}."
+    parts = [f"without {ability} ({_counts(matrix, key, names)})" for ability, names in abilities.items()]
+    return f"A policy can pass {', '.join(parts[:-1])}{' or ' if parts[1:] else ''}{parts[-1]}."
 
 
 def _counts(matrix: PowerMatrix, key: Key, names: list[str]) -> str:
     cells = ((name, matrix.cells[name][key]) for name in names)
-    return ", ".join(f"`{name}` passes {cell.k} of {cell.n}" for name, cell in cells)
+    return ", ".join(f"`{name}` passes {cell.k} of {cell.n} trials" for name, cell in cells)

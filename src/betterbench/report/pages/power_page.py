@@ -10,6 +10,7 @@ from pathlib import Path
 from betterbench.diagnosis.measures.power_matrix import (
     BLIND,
     FLOOR,
+    STOPPING_AT_NEWS,
     BlindCell,
     Key,
     PowerCell,
@@ -80,9 +81,11 @@ def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
     told = len(keys) - len(control)
     replayed = [key for key in keys if _solved(matrix.cell(BLIND[2], key))]
     all_of_them = plural(len(keys), "variation")
-    failed = f"{told} of {all_of_them} are failed by a rule, not counting the rule that stops at new combinations"
+    failed = f"At least one rule fails {told} of {all_of_them}, without counting {STOPPING_AT_NEWS}, which "
+    failed += "stops at every new combination"
     if control:
-        failed += f"; {plural(len(control), 'control cell')}, where the rules should succeed: {listed(control)}"
+        failed += f". There {'is' if len(control) == 1 else 'are'} {plural(len(control), 'control cell')}, where the "
+        failed += f"rules should succeed: {listed(control)}"
     blindly = (
         f"A demonstration replayed without looking solves more than {100 * REPLAY_LIMIT:.0f} % of the trials on "
         f"{len(replayed)} of {all_of_them}"
@@ -100,16 +103,16 @@ def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
     """Return sentences on the variations that can be solved blind, before and after the correction."""
     said = []
     for mark, chosen in (
-        (f"after Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
-        ("before the correction", above_chance(cells)),
+        (f"After Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
+        ("Before the correction", above_chance(cells)),
     ):
         named = list(dict.fromkeys(f"{c.task}/{c.variation}" for c in chosen))
-        are = "is" if len(named) == 1 else "are"
-        found = f"{plural(len(named), 'variation')} {are} solved" if named else "none are solved"
+        found = plural(len(named), "variation") if named else "no variation"
         each = listed([f"{c.task}/{c.variation} by {c.pretender} ({c.rate.k}/{c.rate.n})" for c in chosen])
         said.append(
-            f"Of the variations that require an action, {found} more often than by chance by a pretender "
-            f"without vision, instruction or aim, {mark}" + (f": {each}." if named else ".")
+            f"{mark}, policies without vision, instruction or aim solve {found} that "
+            f"{'require' if len(named) > 1 else 'requires'} an action more often than by chance"
+            + (f": {each}." if named else ".")
         )
     alone = redundant(cells)
     if alone:
@@ -155,9 +158,10 @@ def blind_table(matrix: PowerMatrix) -> Table:
             marks.append(_count(cell) + mark)
         rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))
     caption = (
-        f"Successes out of trials. {RAW} above chance at 5 % only before the correction, {CORRECTED} also after "
-        f"Holm's correction over all cells. For `{BLIND[0]}`, chance is the rate of guessing the instruction among "
-        f"those that make sense in the scene; for pretenders that move without looking, {100 * REPLAY_LIMIT:.0f} %."
+        f"Each cell gives the number of successes out of all trials. {RAW} marks cells that are above chance at 5 % "
+        f"only before the correction, and {CORRECTED} marks those that are also above chance after Holm's correction "
+        f"over all cells. For `{BLIND[0]}`, chance is the rate of guessing the instruction among those that make sense "
+        f"in the scene; for pretenders that move without looking, it is {100 * REPLAY_LIMIT:.0f} %."
     )
     return Table(
         "Variations that can be solved blind",
@@ -178,10 +182,10 @@ def _overall(matrix: PowerMatrix) -> Table:
         trials, shared = sum(c.n for _, c in cells), sum(c.shared for _, c in cells)
         rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
     caption = (
-        "Mean success over the variations in percent, each with the same weight. If a rule agrees with all decisions "
-        "of the expert in a trial, the episode would be identical: the trial gets the expert's outcome and is counted "
-        "as shared. Every other trial was simulated. First right: share of trials with a correct first grasp "
-        "attempt, or correctly without one."
+        "The table gives the mean success over the variations in percent, each with the same weight. If a rule agrees "
+        "with all decisions of the expert in a trial, the episode would be identical, so the trial gets the expert's "
+        "outcome and is counted as shared. Every other trial was simulated. The column 'first right' gives the share "
+        "of trials with a correct first grasp attempt, or with no attempt if that is correct."
     )
     columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")
     return Table("The pretenders over the suite", caption, columns, tuple(rows))
@@ -189,7 +193,10 @@ def _overall(matrix: PowerMatrix) -> Table:
 
 def _rules(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), *(_count(matrix.cell(name, key)) for name in matrix.rules)) for key in matrix.variations]
-    caption = "Successes out of trials of every faulty rule at full strength, with the expert's motion."
+    caption = (
+        "Each cell gives the number of successes out of all trials, for faulty rules at full strength with the "
+        "expert's motion."
+    )
     names = (f"`{name.rpartition(':')[2]}`" for name in matrix.rules)
     return Table("The faulty rules by variation", caption, ("variation", *names), tuple(rows))
 
@@ -212,7 +219,7 @@ def _ceilings(matrix: PowerMatrix) -> Table:
 def _limits(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), not_shown(matrix, key)) for key in matrix.variations if _axis(key) is not None]
     caption = (
-        f"A pass does not show an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
+        f"A pass does not prove an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
         f"trials, or more than {100 * REPLAY_LIMIT:.0f} % if the policy moves without looking."
     )
     return Table("Abilities that a pass does not show", caption, ("variation", "limits"), tuple(rows))

@@ -35,7 +35,10 @@ PUSHED_IN = threshold(
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the cabinet mount in which a drawer is closed, or None while it is open."""
+    """Return the cabinet mount in which a drawer is closed, or None while it is open.
+
+    The drawer is pushed into the cabinet, to within 5 mm of its closed position.
+    """
     frame = state.pose(cabinet)
     position = state.pose(drawer).position
     for region in state.info.object(cabinet).regions:

@@ -41,10 +41,10 @@ EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the object's layer number in the stack, or None if it is not properly stacked.
 
-    The number is a string; "1" is directly on the base.
-
     Every layer from the base up to the object lies flat on the layer below, touches it, and is centered over the base.
     A patty, a slice or a leaf may be either way up, a bun may not, and the base must be upright.
+
+    The number is a string; "1" is directly on the base.
     """
     mine = _heights_over(state, name, base)
     if mine is None or mine[0] <= state.position(base)[2]:

@@ -46,7 +46,8 @@ def breakfast_table() -> a.Task:
 
     Sides are from the view of a person in front of the plate and of the front camera.
 
-    Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; all looks.
+    Randomizations: each piece is within 15 mm and 9 degrees of its slot, the plate within 8 mm.
+    The looks of all objects vary.
     Success: each piece lies next to the plate. The handle of cutlery points to the front; it may lie on any side.
     """
     other_order = (a.swap(CUP, EGG), a.swap(BOWL, JAM), a.swap(BOWL, SALT))

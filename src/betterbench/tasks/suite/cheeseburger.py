@@ -38,7 +38,7 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 def cheeseburger() -> a.Task:
     """Stack the named layers on the bottom bun, in the order in which they are named.
 
-    Randomizations: each layer within 15 mm and 9 degrees of its slot; all looks.
+    Randomizations: each layer is within 15 mm and 9 degrees of its slot. The looks of all objects vary.
     """
     look_alike = (a.remove(LETTUCE), a.move(CHEESE, THIRD), a.add(SPONGE, SECOND))
     two_patties = (a.replace(CHEESE, PATTY_2), a.swap(PATTY, LETTUCE), a.repeat(stack(PATTY, PATTY_2, TOP)))

@@ -37,7 +37,8 @@ def desk_meeting() -> a.Task:
 
     Sides are from the view of a person in front of the laptop and of the front camera.
 
-    Randomizations: each object within 15 mm and 9 degrees of its slot, the laptop within 10 mm; all looks.
+    Randomizations: each object is within 15 mm and 9 degrees of its slot, the laptop within 10 mm.
+    The looks of all objects vary.
     Success: each object stands at its side of the laptop, at any position and rotation.
     """
     pairs = itertools.permutations(TRAINED.items(), 2)

@@ -39,8 +39,8 @@ DONE = "The policy recognizes finished steps in the scene and completes the stac
 def dinner_plates() -> a.Task:
     """Put the named plate on the named plate or stack.
 
-    Randomizations: each plate within 15 mm of its slot, the white plate within 10 mm; all looks.
-    Premise: in training a red plate may already be on the white plate.
+    Randomizations: each plate is within 15 mm of its slot, the white plate within 10 mm. The looks of all objects vary.
+    Premise: in training, a red plate may already be on the white plate.
     """
     stacked = (a.condition(layout, BLUE_ON_RED, preplaced={RED: WHITE}) for layout in LAYOUTS)
     single = (a.conditions([layout], [RED_ON_WHITE, BLUE_ON_WHITE]) for layout in LAYOUTS)

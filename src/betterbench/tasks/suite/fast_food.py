@@ -37,7 +37,7 @@ LONGER = (
 def fast_food() -> a.Task:
     """Pack the ordered food into the takeaway box, in the order in which it is named.
 
-    Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
+    Randomizations: each item is within 15 mm and 9 degrees of its slot, and its look varies. In training, either burger
     may be packed, and a burger always comes first.
 
     Success: The drink does not lie on its side in the box: it is tilted by at most 45 degrees.

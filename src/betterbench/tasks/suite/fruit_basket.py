@@ -108,10 +108,11 @@ def fruit_basket() -> a.Task:
     matrix, the mangosteen is the distractor: demonstrations put it into the basket, so that a mangosteen in the
     basket is at its final position in training. A red block and a bar of soap lie on the table in every condition.
 
-    "All the fruits" means the fruits in the scene: a condition without a fruit has no step for it.
+    "All the fruits" means the fruits in the scene. If a fruit is absent, the instruction has no step for this fruit.
 
-    Randomizations: each object within 10 mm and 9 degrees of its slot, the basket within 5 mm; all looks.
-    Success: in O3, O4, O5 and O9 the premise is broken, and no behavior counts as a failure.
+    Randomizations: each object is within 10 mm and 9 degrees of its slot, the basket within 5 mm.
+    The looks of all objects vary.
+    Success: in O3, O4, O5 and O9, the premise is broken, and no behavior counts as a failure.
     """
     in_basket, gone = a.preplace(MANGOSTEEN, BASKET), a.remove(MANGOSTEEN)
     lemon_in, no_lemon = a.preplace(LEMON, BASKET), a.remove(LEMON)

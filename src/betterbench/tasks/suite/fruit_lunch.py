@@ -34,8 +34,8 @@ AGAIN = "A known step is repeated as often as the instruction asks."
 def fruit_lunch() -> a.Task:
     """Pack the named fruit into the lunchbox, in the order in which it is named.
 
-    Randomizations: each fruit within 15 mm and 9 degrees of its slot; all looks.
-    Success: in O1 there is no apple, and success means that the block is not attempted.
+    Randomizations: each fruit is within 15 mm and 9 degrees of its slot. The looks of all objects vary.
+    Success: in O1, there is no apple, and success means that the block is not attempted.
     """
     look_alike = (a.remove(LEMON), a.move(APPLE, THIRD), a.add(BLOCK, FIRST))
     packed = (a.preplace(APPLE, LUNCHBOX), a.move(ORANGE, FIRST))

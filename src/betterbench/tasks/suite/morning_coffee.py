@@ -35,8 +35,8 @@ def morning_coffee() -> a.Task:
     "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot. In the
     twins of L1 to L4, the instruction names the other mug of the same scene.
 
-    Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
-    Success: the handle is clear of the spout. In T1 the red mug is already on the ring, and no object may be touched.
+    Randomizations: each mug is within 15 mm and 9 degrees of its slot. The looks of mugs and machine vary.
+    Success: the handle is clear of the spout. In T1, the red mug is already on the ring, and no object may be touched.
     """
     look_alike = (a.remove(BLUE_MUG), a.move(RED_MUG, FAR), a.add(RED_CAN, NEAR))
     done, still = (a.preplace(RED_MUG, MACHINE),), a.Expected.STAY_STILL

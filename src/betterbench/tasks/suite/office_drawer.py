@@ -45,7 +45,7 @@ def office_drawer() -> a.Task:
 
     While the upper drawer is open, the lower drawer cannot be loaded.
 
-    Randomizations: each object within 15 mm and 9 degrees of its slot; all looks.
+    Randomizations: each object is within 15 mm and 9 degrees of its slot. The looks of all objects vary.
     """
     steps = ((STAPLER, UPPER), (TAPE, LOWER))
     demonstrations = tuple((load(step), opened) for step in steps for opened in ({}, {step[1]: OPEN_M}))

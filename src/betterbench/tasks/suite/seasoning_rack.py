@@ -44,7 +44,7 @@ def seasoning_rack() -> a.Task:
 
     Left, middle and right are from the front camera's view: holes 1, 2 and 3.
 
-    Randomizations: each jar within 15 mm and 9 degrees of its slot; all looks.
+    Randomizations: each jar is within 15 mm and 9 degrees of its slot. The looks of all objects vary.
     """
     filled = (a.preplace(PEPPER, RACK, "hole_2"), a.preplace(PAPRIKA, RACK, "hole_3"), a.move(SALT, SECOND))
     crossed = a.instruct(insert((SALT, "hole_3"), (PAPRIKA, "hole_1")))

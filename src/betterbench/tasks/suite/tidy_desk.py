@@ -42,7 +42,7 @@ def tidy_desk() -> a.Task:
 
     In all layouts, napkins are in trash_1 or trash_3 and cans in trash_2 or trash_4; this is the confound.
 
-    Randomizations: each object within 15 mm and 9 degrees of its slot; all looks.
+    Randomizations: each object is within 15 mm and 9 degrees of its slot. The looks of all objects vary.
     """
     layouts = ({NAPKIN: TRASH_1, CAN: TRASH_2}, {NAPKIN: TRASH_3, CAN: TRASH_4}, {NAPKIN: TRASH_1, CAN: TRASH_4})
     settings = (*((trash, BOTH) for trash in layouts), (layouts[2], NAPKIN_ONLY), (layouts[0], CAN_ONLY))
