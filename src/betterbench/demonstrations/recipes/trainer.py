@@ -88,7 +88,7 @@ class Training:
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
         if self.weights is not None and not _is_place(self.weights):
             raise InvalidInputError(
-                "--weights", f"{self.weights!r} is neither a file nor a folder", "Give a file or a folder"
+                "--weights", f"{self.weights!r} is not a path", "Give a file or a folder"
             )
 
     @property

@@ -148,7 +148,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
             shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
-            problem = f"{len(group)} components of {column} have names of a gripper: {shown}"
+            problem = f"{len(group)} components of {column} have the name of a gripper: {shown}"
             cure = f"Choose one with --gripper '{column}[N]', where N is its index in brackets"
             raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
@@ -292,7 +292,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
         of = f"the {grip.arm} arm" if grip.arm else "the gripper"
-        problem = f"no component has the name of a position of {of} ({grip.number.shown} is its gripper)"
+        problem = f"no component has a name for the position of {of} ({grip.number.shown} is its gripper)"
         own = [n for n, part in telling if part.arm in (grip.arm, "") or not grip.arm]
         if own:
             problem += f"; {column} has {', '.join(n.shown for n in own[:MOST_SHOWN])}"
